@@ -51,7 +51,9 @@ STORES = {"ros1": get_typestore(Stores.ROS1_NOETIC), "ros2": get_typestore(Store
 
 
 def damage(data: bytes, rng: np.random.Generator) -> bytes:
-    """The bytes with one damage: some flipped, the end lost, some inserted or lost, or a number that is huge."""
+    """The bytes with one damage: some flipped, the end lost,
+    some inserted or lost, or a number that is huge.
+    """
     kind, place = rng.integers(5), int(rng.integers(max(len(data), 1)))
     changed = bytearray(data)
     if kind == 0:
@@ -183,7 +185,9 @@ def report(path: Path) -> None:
 
 
 def read_shard(path: Path) -> None:
-    """A shard whose manifest agrees with what it has become: nothing but its own reading can notice."""
+    """A shard whose manifest agrees with what it has become:
+    nothing but its own reading can notice.
+    """
     table = json.loads((path.parent / MANIFEST).read_text(encoding="utf-8"))
     table["shards"][0]["sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
     (path.parent / MANIFEST).write_text(json.dumps(table), encoding="utf-8")

@@ -50,9 +50,9 @@ class FaultResult:
     running_s: float
     """How long the robot had been running when the process was killed."""
     told_ms: float
-    """From the last arrival of the dead process's product to the first message of its consumer that says so, before the
-    product comes again; infinite where none does, as where another process goes on in time. A
-    product that the consumer alone still had counts (`heard_alone_ns`)."""
+    """From the last arrival of the dead process's product to the first message of its consumer that
+    says so, before the product comes again; infinite where none does, as where another process goes
+    on in time. A product that the consumer alone still had counts (`heard_alone_ns`)."""
     reported_ms: float
     """The same to the supervisor's event that the process died."""
     silence_ms: float
@@ -119,7 +119,8 @@ def last_before(product: Sequence[tuple[int, bytes]], died_ns: int) -> int:
 
 
 def heard_alone_ns(newer_ns: int, rate_hz: float) -> int:
-    """How much later than the last recorded message a consumer had its last one [ns, whole periods].
+    """How much later than the last recorded message a consumer
+    had its last one [ns, whole periods].
 
     A process sends to its consumer and to the recorder one after the other; who comes first differs
     from run to run. If it is killed between the two, the recorder lacks a message that the consumer
@@ -164,7 +165,8 @@ def stale_uses(recording: Recording) -> int:
 
 
 def decided_ns(states_ns: Sequence[int]) -> list[int]:
-    """When the controller decided the mode that a state tells: before it could have the plan that answers this state.
+    """When the controller decided the mode that a state tells:
+    before it could have the plan that answers this state.
 
     That was in the step before, also where the controller itself was held up between the two.
     """
@@ -181,7 +183,9 @@ def late_uses(uses_ns: Sequence[int], sources_ns: Sequence[int], limit_s: float)
 
 
 def end_of(recording: Recording) -> End:
-    """End of the robot of a run: the controller judges a trial, and ends the run where the robot has fallen."""
+    """End of the robot of a run: the controller judges a trial,
+    and ends the run where the robot has fallen.
+    """
     codes = {event.code for event in recording.of(Event)}
     if "finished" in codes:
         return "crossed"
@@ -211,7 +215,8 @@ def _death_and_return(recording: Recording, process: str) -> tuple[int, int | No
 
 
 def _complaints(recording: Recording, process: str) -> Iterable[tuple[int, int | None]]:
-    """The consumer's messages that the product is missing: arrival, and when the newest it had was made.
+    """The consumer's messages that the product is missing:
+    arrival, and when the newest it had was made.
 
     The latter is None where the message names no age.
     """

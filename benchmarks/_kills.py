@@ -1,4 +1,6 @@
-"""Kills a process in the middle of a real-time run, and watches until the robot has landed or goes on."""
+"""Kills a process in the middle of a real-time run,
+and watches until the robot has landed or goes on.
+"""
 
 import os
 import signal

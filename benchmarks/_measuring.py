@@ -1,4 +1,6 @@
-"""Instruments of benchmarks: times of calls, work and memory of processes, runs of the stack, random images."""
+"""Instruments of benchmarks: times of calls, work and memory of processes,
+runs of the stack, random images.
+"""
 
 import multiprocessing
 import os
@@ -33,7 +35,8 @@ def percentiles(
 
 
 class Stopwatch:
-    """Times of many calls [us], on the wall and as work of this thread, which other programs hardly change.
+    """Times of many calls [us], on the wall and as work of this thread,
+    which other programs hardly change.
 
     Args:
         skip: So many first calls do not count.
@@ -85,7 +88,9 @@ SIGNALS = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 
 
 def hear_signals() -> None:
-    """As in a terminal, also where the benchmark was started to ignore them (nohup, &): for what is started."""
+    """As in a terminal, also where the benchmark was started to ignore them (nohup, &):
+    for what is started.
+    """
     for number in SIGNALS:
         signal.signal(number, signal.SIG_DFL)
 

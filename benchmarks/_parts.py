@@ -46,7 +46,9 @@ _FOLDER = "SALTUS_PARTS"
 
 @dataclass(frozen=True)
 class Spent:
-    """Processor time [s] of a process, from when it was ready to its end, by part; `total` is all of it."""
+    """Processor time [s] of a process, from when it was ready to its end, by part;
+    `total` is all of it.
+    """
 
     parts: dict[str, float]
     calls: dict[str, int]
@@ -54,7 +56,9 @@ class Spent:
 
 
 class Meter:
-    """Times the functions of `PARTS` in the main thread of this process, those that it has loaded, from now on."""
+    """Times the functions of `PARTS` in the main thread of this process,
+    those that it has loaded, from now on.
+    """
 
     def __init__(self) -> None:
         self._spent: Counter[str] = Counter()

@@ -1,4 +1,6 @@
-"""Scenes unlike any course: tables, clutter of boxes, steps across the view, poles, all on level ground."""
+"""Scenes unlike any course: tables, clutter of boxes,
+steps across the view, poles, all on level ground.
+"""
 
 from collections.abc import Callable, Iterable
 
@@ -46,7 +48,9 @@ def clutter(rng: np.random.Generator) -> Iterable[Box]:
 
 
 def steps_across(rng: np.random.Generator) -> Iterable[Box]:
-    """A stair of three steps whose edges are 20 to 60 degrees askew to the way, from the right or from the left."""
+    """A stair of three steps whose edges are 20 to 60 degrees askew to the way,
+    from the right or from the left.
+    """
     yaw = rng.uniform(20.0, 60.0) * _DEG * rng.choice((-1.0, 1.0))
     rise, tread, x = rng.uniform(0.08, 0.22), rng.uniform(0.25, 0.5), rng.uniform(1.2, 1.8)
     for i in range(3):

@@ -1,4 +1,5 @@
-"""Runs beside others that take their time: a service starved, floods of messages, strangers who connect.
+"""Runs beside others that take their time: a service starved,
+floods of messages, strangers who connect.
 
 starved: the service stands still for four fifths of each 100 ms. flood: another program of the
     run's owner sends
@@ -162,7 +163,9 @@ def own_key(key: str, stack: Stack, _: Address) -> tuple[Path, str]:
 
 
 def flood(client: Path, key: str, over: Any, sent: "Synchronized[int]") -> None:
-    """Sends on a key, as a program whose Zenoh configuration is `client`, until `over` is set; `sent` counts."""
+    """Sends on a key, as a program whose Zenoh configuration is `client`,
+    until `over` is set; `sent` counts.
+    """
     payload, attachment = os.urandom(FLOOD_BYTES), bytes(40)
     with zenoh.open(zenoh.Config.from_file(str(client))) as session:
         publisher = session.declare_publisher(
@@ -177,7 +180,9 @@ def flood(client: Path, key: str, over: Any, sent: "Synchronized[int]") -> None:
 
 
 def stay(address: Address, over: Any, sent: "Synchronized[int]") -> None:
-    """Connects, up to `CONNECTIONS` times, says nothing, and stays until `over` is set; `sent` counts."""
+    """Connects, up to `CONNECTIONS` times, says nothing,
+    and stays until `over` is set; `sent` counts.
+    """
     limit_files(2 * CONNECTIONS)
     with contextlib.ExitStack() as connections:
         while not over.wait(0.0 if sent.value < CONNECTIONS else 0.01):
@@ -188,7 +193,9 @@ def stay(address: Address, over: Any, sent: "Synchronized[int]") -> None:
 
 
 def begin_tls(address: Address, over: Any, sent: "Synchronized[int]") -> None:
-    """Connects with TLS as who has no certificate, from several threads, until `over` is set; `sent` counts."""
+    """Connects with TLS as who has no certificate, from several threads,
+    until `over` is set; `sent` counts.
+    """
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
 

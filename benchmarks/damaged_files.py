@@ -1,4 +1,5 @@
-"""Damages files and messages at random: nothing dies, hangs or grows, and each is refused with its reason in one line.
+"""Damages files and messages at random: nothing dies, hangs or grows,
+and each is refused with its reason in one line.
 
 Files: models, checkpoints, recordings, bags, run logs, datasets and TOMLs, each read in a process
     that is watched.
@@ -115,7 +116,8 @@ class Benchmark(Command):
         return done if done == self.files else done + 1
 
     def messages(self, recording: Path) -> dict[str, Any]:
-        """Returns what is made of mutated messages of each topic, beginning with those of a real run.
+        """Returns what is made of mutated messages of each topic,
+        beginning with those of a real run.
 
         Topics that a run of jumps has none of begin with a message that says the same throughout.
         """
@@ -184,7 +186,9 @@ class Watched:
 def _read_all(
     kind: str, folder: Path, seed: tuple[int, int], first: int, last: int, told: Connection
 ) -> None:
-    """Reads damaged files and says of each what it led to, how long it took and what memory it left and needed [MB]."""
+    """Reads damaged files and says of each what it led to,
+    how long it took and what memory it left and needed [MB].
+    """
     sample = samples(folder, shipped())[kind]
     good = sample.path.read_bytes()
     for _ in range(2):

@@ -162,7 +162,9 @@ class Benchmark(Command):
                 "saved_of_a_torn_chunk_mean": float(np.mean(kept))}  # fmt: skip
 
     def _order(self, folder: Path, rng: np.random.Generator, number: int) -> dict[str, Any]:
-        """A run whose processes are started one after the other, each up to a second after the one before."""
+        """A run whose processes are started one after the other,
+        each up to a second after the one before.
+        """
         order = ORDERS[number % len(ORDERS)]
         config = RunConfig(
             robot="go1",
@@ -255,7 +257,9 @@ class Benchmark(Command):
         return {"room": room, "states_kept": len(kept), "wrong": wrong}
 
     def _power(self, folder: Path, rng: np.random.Generator, _number: int) -> dict[str, Any]:
-        """A run whose disk is copied at a random moment: the copy is what a disk without power would hold."""
+        """A run whose disk is copied at a random moment:
+        the copy is what a disk without power would hold.
+        """
         disk, copy, place = folder / "disk.img", folder / "copy.img", folder / "mounted"
         run, after_s = place / "run", float(rng.uniform(0.5, 4.0))
         disk.touch()
@@ -377,7 +381,9 @@ def in_order(path: Path) -> list[tuple[str, int, bytes]]:
 
 
 def chunk_ends(path: Path) -> list[tuple[int, int]]:
-    """Where each chunk of a whole file ends [bytes], and how many messages the file has up to there."""
+    """Where each chunk of a whole file ends [bytes],
+    and how many messages the file has up to there.
+    """
     with path.open("rb") as file:
         summary = make_reader(file).get_summary()
         ends: list[tuple[int, int]] = []

@@ -1,4 +1,5 @@
-"""Tracking of the body's pitch rate with feed-forward alone and with velocity feedback, as in the paper's figure.
+"""Tracking of the body's pitch rate with feed-forward alone and with velocity feedback,
+as in the paper's figure.
 
 A Go1 with the drives of the profile "go1" bounds on flat ground in MuJoCo on the estimated state.
 The reference pitch rate is a sine of the gait's phase, nose up in the middle of the front stance,

@@ -1,4 +1,5 @@
-"""How policies do on hard courses and on robots unlike the one they were trained on: one table, several models.
+"""How policies do on hard courses and on robots unlike the one they were trained on:
+one table, several models.
 
 The paper's courses; stairs of 0.20 m with late commands, on slippery ground, with soft feet, with
 joints that resist, with a push from the side; ground that leads down, irregular stairs, ditches,

@@ -166,7 +166,9 @@ class Benchmark(Command):
 
 
 def count(model: Path, task: tuple[HeldOutRuns, tuple[int, int]]) -> dict[str, Any]:
-    """Runs a batch: of each terrain, in steps with which the service is content and in others, what `_counted` says."""
+    """Runs a batch: of each terrain, in steps with which the service is content and in others,
+    what `_counted` says.
+    """
     runs, batch = task
     found: dict[str, Any] = {}
     for run in runs.measure(model, batch):
@@ -206,7 +208,9 @@ def _nothing() -> dict[str, Any]:
 
 
 def _counted(run: HeldOutRun, chosen: Any) -> dict[str, Any]:
-    """Sums over some steps of a run: of steps, by view of points, errors [m], points in their interval; widths."""
+    """Sums over some steps of a run: of steps, by view of points,
+    errors [m], points in their interval; widths.
+    """
     said = run.predictions[NETWORK]
     error, width, view = (
         np.abs(said.height - run.true_height)[chosen],
@@ -265,7 +269,8 @@ def _median_mm(counts: Floats) -> float | None:
 
 
 def desk_rows(model: Path, frames: Sequence[DepthFrame]) -> dict[str, Any]:
-    """Rows of images, repeated for `DESK_S`, by how far the camera is taken to look down: drops that are stated.
+    """Rows of images, repeated for `DESK_S`, by how far the camera is taken to look down:
+    drops that are stated.
 
     Points that are stated to be over `DROP_M` below the robot's feet are counted from the model's
     warm-up on.

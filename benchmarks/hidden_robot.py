@@ -1,4 +1,5 @@
-"""Draws a robot that no training has met, for `saltus real2sim cycle`: three effects, one each of drives, body, camera.
+"""Draws a robot that no training has met, for `saltus real2sim cycle`:
+three effects, one each of drives, body, camera.
 
 Each lies 1.3 to 1.8 times as far from what is known as the draws of policy or predictor reach. Who
 names a seed that nobody has looked at hides a robot that nobody chose.

@@ -1,4 +1,5 @@
-"""Time of the heightmap service: features, image pooling and network, for one robot and for several at once.
+"""Time of the heightmap service: features, image pooling and network,
+for one robot and for several at once.
 
 Robots of a batch all ask at the same moment, which is the worst case; each has a new image at every
 second step, which is cropped and pooled from the D435i's 80x240. Times are in microseconds. The

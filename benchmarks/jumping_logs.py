@@ -1,4 +1,5 @@
-"""Verdicts of `find` on logs of robots that jump, each with one effect on all joints, and on the same without it.
+"""Verdicts of `find` on logs of robots that jump,
+each with one effect on all joints, and on the same without it.
 
 Of each log, a run without the effect comes first: what `find` says it could have told there, times
 1 to 3 as the seed has it, is the size that is hidden. Of latency that is 10 ms at least, the tick

@@ -1,4 +1,5 @@
-"""Verdicts of real2sim on an effect that its library lacks: each run's true effect is taken out before the search.
+"""Verdicts of real2sim on an effect that its library lacks:
+each run's true effect is taken out before the search.
 
 LOGS and TRUTH are folders of `saltus bench hidden_effects -- generate`. Runs with one effect of the
 library at three times the one-sigma size or more are searched. Counted are "unexplained", "no gap",
@@ -110,7 +111,9 @@ def _searched(log: Path, effect: str) -> dict[str, Any]:
 
 
 def _remains(examined: Examination) -> bool:
-    """True where a sensor whose gap was explained keeps structure above what right simulations differ by."""
+    """True where a sensor whose gap was explained keeps structure
+    above what right simulations differ by.
+    """
     return any(
         each.findings.remainder > REMAINDER_RMS * each.problem.samples_per_residual**0.5
         for each in examined.comparisons

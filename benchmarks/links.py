@@ -1,4 +1,5 @@
-"""How much does it cost that nobody uninvited joins? One hop through a router, client to client, by each kind of link.
+"""How much does it cost that nobody uninvited joins? One hop through a router,
+client to client, by each kind of link.
 
 TCP on loopback without any protection is the reference; sockets in a folder of the owner's are what
 a run has; TLS with certificates and the access list is what others have over a network. In turns,

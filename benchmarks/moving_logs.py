@@ -1,4 +1,5 @@
-"""Verdicts of `find` on logs of robots that jump, walk and turn, all without effects, and how soon they come.
+"""Verdicts of `find` on logs of robots that jump, walk and turn,
+all without effects, and how soon they come.
 
 Jumps are runs of the whole stack over the terrains; walking and turning are trots of commanded
 angles.

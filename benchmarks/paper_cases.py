@@ -1,4 +1,5 @@
-"""The two effects that the paper found by hand, hidden in the simulated robot and searched for in its run logs.
+"""The two effects that the paper found by hand,
+hidden in the simulated robot and searched for in its run logs.
 
 1. The dynamometer's table of torque, in large steps of a held robot. The fitted curve of the calf
    is compared with the table from 0 to 35 Nm commanded; then the patch is applied and the same log

@@ -68,7 +68,9 @@ class Benchmark(Command):
 def bounding(
     robot: Robot, base_height: float, contact: tuple[bool, bool], progress: tuple[float, float]
 ) -> Observation:
-    """A level robot that bounds at 1 m/s: height of its base [m], contact and progress of front and rear feet."""
+    """A level robot that bounds at 1 m/s: height of its base [m],
+    contact and progress of front and rear feet.
+    """
     return observe(
         replace(
             standing_state(robot),

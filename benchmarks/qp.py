@@ -1,4 +1,5 @@
-"""Ground reaction forces and the leg controller: exactness against another solver, and time on one core.
+"""Ground reaction forces and the leg controller:
+exactness against another solver, and time on one core.
 
 Forces are compared with quadprog on the full problem of twelve forces, where that package is
 installed. Times are given on the wall clock and as processor time of the thread, which other

@@ -203,7 +203,8 @@ def exported(model: HeightmapModel, path: Path) -> Path:
 
 
 def with_age_held(model: HeightmapModel, latency_s: float) -> HeightmapModel:
-    """A network that takes every image to be `latency_s` old when it comes, and a tick older at the tick after that.
+    """A network that takes every image to be `latency_s` old when it comes,
+    and a tick older at the tick after that.
 
     Where this is so, as in its training, outputs do not change: the age then follows from whether
     the image is new.

@@ -1,4 +1,5 @@
-"""Speed of the depth camera: frames per second of every back end that this machine has, and growth of memory.
+"""Speed of the depth camera: frames per second of every back end that this machine has,
+and growth of memory.
 
 A row says by which back end ("backend") what was rendered ("legs": terrain and the 12 shapes of the
 legs, which are in view in half of the frames; else terrain only), with which noise ("native": the
@@ -54,7 +55,9 @@ Poses = tuple[Any, Any, Any]
 
 
 def present() -> list[str]:
-    """Names of the back ends that can be loaded; Warp only where there is a GPU, without which it is no use."""
+    """Names of the back ends that can be loaded;
+    Warp only where there is a GPU, without which it is no use.
+    """
     found: list[str] = []
     for name in NAMES:
         if name == "auto" or (name == "warp" and not has_driver()):
@@ -261,7 +264,9 @@ def measure(case: Case, seconds: float, growth_frames: int) -> dict[str, object]
 
 
 def settled_mb(expose: Callable[[], object]) -> float:
-    """The most memory after any of some calls: the heap gives pages back at one and takes them again at another."""
+    """The most memory after any of some calls:
+    the heap gives pages back at one and takes them again at another.
+    """
     return max((expose(), resident_mb(own_processes()))[1] for _ in range(SETTLING))
 
 

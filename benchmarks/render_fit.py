@@ -1,4 +1,5 @@
-"""How well the fit of the stereo camera finds hidden parameters, on rendered recordings of a step and a wall.
+"""How well the fit of the stereo camera finds hidden parameters,
+on rendered recordings of a step and a wall.
 
 Each camera has its own baseline, sub-pixel noise and disparity step, and looks from its own pose
 past a step of its own at a wall, while the robot stands. Embree renders both views at 424 x 240,

@@ -77,7 +77,9 @@ def exposures(
 
 
 def sigma_rows() -> list[dict[str, Any]]:
-    """Axial noise after quantisation of the disparity, and after whole millimetres, beside z^2 s / (f B)."""
+    """Axial noise after quantisation of the disparity,
+    and after whole millimetres, beside z^2 s / (f B).
+    """
     rows = []
     for depth_m in (0.3, 0.5, 1.0, 2.0, 3.0):
         published = 1e3 * depth_m**2 * 0.08 / (D435I.fx * 0.05)
@@ -93,7 +95,9 @@ def sigma_rows() -> list[dict[str, Any]]:
 
 
 def place_rows() -> list[dict[str, Any]]:
-    """Where pixels are invalid: the left band, the nearest depth, the dead columns of the largest mode."""
+    """Where pixels are invalid: the left band, the nearest depth,
+    the dead columns of the largest mode.
+    """
     rows: list[dict[str, Any]] = []
     for depth_m, published in ((0.3, 35.0), (1.0, 11.0)):
         frame = exposures(UNFILTERED, D435I, wall(D435I, depth_m), 1)[0]
@@ -134,7 +138,9 @@ def place_rows() -> list[dict[str, Any]]:
 
 
 def recorded_rows(path: Path) -> list[dict[str, Any]]:
-    """The invalid pixels of a recorded frame beside those that the model makes of the frame's own geometry."""
+    """The invalid pixels of a recorded frame beside those
+    that the model makes of the frame's own geometry.
+    """
     result = fit(load_frames(path))
     scene = result.scene
     nearest = filled(scene.median)
@@ -172,7 +178,9 @@ def recorded_rows(path: Path) -> list[dict[str, Any]]:
 
 
 def filled(inverse: Reals) -> Reals:
-    """Invalid pixels take the farther of their valid neighbours in the row: a shadow falls on what is far."""
+    """Invalid pixels take the farther of their valid neighbours in the row:
+    a shadow falls on what is far.
+    """
     result = inverse.copy()
     columns = np.arange(inverse.shape[1])
     for row in result:
@@ -187,7 +195,9 @@ def filled(inverse: Reals) -> Reals:
 
 
 def shadows_of(disparity: Reals) -> Any:
-    """Returns what the right imager does not see of the surfaces that the left one sees, bool, shape as `disparity`."""
+    """Returns what the right imager does not see of the surfaces that the left one sees,
+    bool, shape as `disparity`.
+    """
     place = np.round(np.arange(disparity.shape[1]) - disparity).astype(int)
     place -= place.min()
     right = np.zeros((disparity.shape[0], place.max() + 1))
@@ -245,7 +255,9 @@ def colours(depth: Reals, height: int = 360) -> Any:
 
 
 def draw(path: Path) -> None:
-    """The stages of the chain, for a robot beside stairs with its front legs in view, on a grey page."""
+    """The stages of the chain, for a robot beside stairs with its front legs in view,
+    on a grey page.
+    """
     optics = Optics.of(D435I)
     pair = StereoEmbree(
         make_terrain(TerrainConfig(rise_m=0.06)), optics, RobotCamera.on(ROBOT, D435I)

@@ -1,4 +1,5 @@
-"""The scan on a real floor: single images of a real D4xx, judged by planes that were fitted to them.
+"""The scan on a real floor: single images of a real D4xx,
+judged by planes that were fitted to them.
 
 The floor is taken to be level: what the attitude is off counts.
 

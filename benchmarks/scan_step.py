@@ -1,4 +1,5 @@
-"""How long one image and one state take the service of any grid on one core, beside its network alone.
+"""How long one image and one state take the service of any grid on one core,
+beside its network alone.
 
 OMP_NUM_THREADS=1 saltus bench scan_step
 """
@@ -37,7 +38,8 @@ SPEED_MPS = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    """Milliseconds of one core for an image with map and network, for the network alone, and for a state.
+    """Milliseconds of one core for an image with map and network,
+    for the network alone, and for a state.
 
     A robot goes over level ground; its camera is a D435i of 424x240 pixels, its own body is taken
     out.
@@ -47,7 +49,9 @@ class Benchmark(Command):
     """Images of the run."""
 
     def measure(self) -> dict[str, Any]:
-        """Medians of processor time, which other programs disturb less than the clock's, and the least."""
+        """Medians of processor time, which other programs disturb less than the clock's,
+        and the least.
+        """
         robot, network = load_robot(DEFAULT_ROBOT), ScanNetwork(model_path("scan"))
         mount = Mount.of(robot)
         rig = ScanRig(

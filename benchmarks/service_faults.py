@@ -1,4 +1,5 @@
-"""Effects of faults of the camera's stream on the heights: error over time after each, on runs of the whole stack.
+"""Effects of faults of the camera's stream on the heights:
+error over time after each, on runs of the whole stack.
 
 The learned policy crosses long stairs with a D435i in lockstep; states, images and arrival times of
 these runs go through the service once as they were, and once for each fault and moment.
@@ -124,7 +125,9 @@ def paused(seconds: float) -> Fault:
 
 
 def duplicated(calls: Sequence[Call], at: int) -> tuple[list[Call], int]:
-    """Everything of one second comes twice at once, and all of it once more when the second is over."""
+    """Everything of one second comes twice at once,
+    and all of it once more when the second is over.
+    """
     end = at + round(1.0 / TICK_S)
     second = list(calls[at:end])
     twice = [call for call in second for _ in range(2)]
@@ -244,7 +247,9 @@ def measure(runs: Sequence[ComparedRun]) -> dict[str, Curves]:
 
 
 def loss_ratios(runs: Sequence[ComparedRun]) -> dict[float, float]:
-    """RMS error with a share of the images lost at random, over that with none, while the robot runs."""
+    """RMS error with a share of the images lost at random,
+    over that with none, while the robot runs.
+    """
     network, rng = (
         shipped_network(),
         np.random.default_rng(0),

@@ -1,4 +1,5 @@
-"""Hours of the stack, or of one heightmap service of several robots, under random faults: what grows, what ages.
+"""Hours of the stack, or of one heightmap service of several robots,
+under random faults: what grows, what ages.
 
 stack: camera, service and planner are killed, and images are held up. fleet: images are lost, and
 robots start anew.
@@ -303,7 +304,9 @@ def summary(rows: list[Row], warm_up_s: float) -> dict[str, Any]:
 
 
 def growth(lives: list[list[tuple[float, Use]]]) -> dict[str, float]:
-    """Growth of one process over its lives: slope of its memory, most handles and threads that came to it."""
+    """Growth of one process over its lives: slope of its memory,
+    most handles and threads that came to it.
+    """
     slopes, more = [], []
     for life in lives:
         half = len(life) // 2

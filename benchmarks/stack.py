@@ -1,4 +1,5 @@
-"""A real-time run of the whole stack: rates, ages of messages, processor time of each process and where it goes.
+"""A real-time run of the whole stack: rates, ages of messages,
+processor time of each process and where it goes.
 
 Seconds are those of the run. A computer that is too slow keeps up at a lower `--speed`, and its
 processor time a second of the run stays comparable, but for what waiting costs: a part of its own.

@@ -1,4 +1,5 @@
-"""How far the batched stance solver of training is from the exact one, on what bounding robots ask for.
+"""How far the batched stance solver of training is from the exact one,
+on what bounding robots ask for.
 
 Robots bound over all terrains with random exploration around a slow bound. Force error (largest
 component) [N] and excess of the tracking cost over the exact solution's, for the batched solver,

@@ -1,4 +1,5 @@
-"""Which effects of the stand-in for the real robot are hard: each alone in the shipped profile, and all of them.
+"""Which effects of the stand-in for the real robot are hard:
+each alone in the shipped profile, and all of them.
 
 On 14 stairs of 0.20 m, as the ablations of `saltus paper`; by default the shipped policy, else
 those that are named. With `--left-out` effects it is all of them, and all but each of these.

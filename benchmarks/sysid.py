@@ -1,4 +1,5 @@
-"""real2sim beside `mujoco.sysid`, on a question that both can answer: armature, damping and friction of the calves.
+"""real2sim beside `mujoco.sysid`, on a question that both can answer:
+armature, damping and friction of the calves.
 
 Three effects are hidden in a held robot and one log of joint chirps is written. `mujoco.sysid` is
 told which three parameters are unknown and fits them by rollouts of the engine from measured

@@ -1,4 +1,5 @@
-"""How a training of the motion policy went: the last row of the table that it writes, and a picture of all.
+"""How a training of the motion policy went: the last row of the table that it writes,
+and a picture of all.
 
 A panel for each kind of terrain: the share of episodes that came to the end of the course,
 exploring; the mean level of the courses; speed. Marks: what the deployed stack did with the policy

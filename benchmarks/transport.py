@@ -1,4 +1,5 @@
-r"""Cost of the bus: codec, latency of each message, the way from an image to the heightmap made of it.
+r"""Cost of the bus: codec, latency of each message,
+the way from an image to the heightmap made of it.
 
 Every sender publishes at 100 Hz from a process of its own; latency is the monotonic time from
 before `put` to after `wait`, so it holds encoding, one hop of TCP, the receiver's waking up and
@@ -155,7 +156,9 @@ class Scenes:
         self._state = LevelRobot().states(load_robot(DEFAULT_ROBOT), self._frames[:1])[0]
 
     def at(self, number: int, time_ns: int) -> tuple[DepthFrame, RobotState]:
-        """Both with the same number and time, so that a heightmap is due that is made of this image."""
+        """Both with the same number and time,
+        so that a heightmap is due that is made of this image.
+        """
         frame = replace(self._frames[number % SCENES], frame_id=number, time_ns=time_ns)
         return frame, replace(self._state, step=number, time_ns=time_ns)
 
@@ -166,7 +169,8 @@ class BusRobot:
     def __init__(self, endpoint: str, prefix: str, count: int, bell: Bell) -> None:
         self.bus = ZenohBus(endpoint, prefix, peer=True, bell=bell)
         self.latency_ms: Floats = np.full((2, count), np.inf)
-        """From an image, and from the state that was sent after it, to its heightmap, shape (2, count)."""
+        """From an image, and from the state that was sent after it,
+        to its heightmap, shape (2, count)."""
         self.newest = -1
         """The image of the newest heightmap."""
         self._sent_ns = np.zeros((2, count), np.int64)
@@ -195,7 +199,9 @@ class BusRobot:
 def run_robots(
     endpoint: str, prefixes: list[str], epoch_ns: int, count: int, newest: Any, result: Any
 ) -> None:
-    """The process of the robots: tells the newest heightmap of the first, and at last all latencies [ms]."""
+    """The process of the robots: tells the newest heightmap of the first,
+    and at last all latencies [ms].
+    """
     os.environ.update(ENVIRONMENT)
     scenes, bell = Scenes(), Bell()
     robots = [BusRobot(endpoint, prefix, count, bell) for prefix in prefixes]
@@ -223,7 +229,9 @@ def run_robots(
 def run_slow_consumer(
     endpoint: str, prefix: str, epoch_ns: int, newest: Any, over: Any, result: Any
 ) -> None:
-    """Takes heightmaps at a quarter of the rate and any phase: age [ms], and how many newer ones there were already."""
+    """Takes heightmaps at a quarter of the rate and any phase:
+    age [ms], and how many newer ones there were already.
+    """
     rng, ages, behind = np.random.default_rng(0), [], []
     ticker = Ticker(RATE_HZ / SLOWER)
     with ZenohBus(endpoint, prefix, peer=True) as bus:
@@ -279,7 +287,8 @@ def frame_to_heightmap(count: int, robots: int) -> dict[str, Any]:
 
 @contextmanager
 def served(config: RunConfig, prefixes: list[str]) -> Iterator[tuple[str, int]]:
-    """A router and one heightmap service for these robots: the router's endpoint, and the service's process id.
+    """A router and one heightmap service for these robots:
+    the router's endpoint, and the service's process id.
 
     `config` is of a run that has begun; its prefix is one of them.
     """
@@ -314,7 +323,9 @@ def served(config: RunConfig, prefixes: list[str]) -> Iterator[tuple[str, int]]:
 
 
 def allowed_latency_us() -> int | None:
-    """How long processors of this machine may take to wake [us]: the kernel's PM QoS; None where nobody may tell."""
+    """How long processors of this machine may take to wake [us]:
+    the kernel's PM QoS; None where nobody may tell.
+    """
     try:
         return int.from_bytes(
             Path("/dev/cpu_dma_latency").read_bytes()[:4], sys.byteorder, signed=True
@@ -326,7 +337,9 @@ def allowed_latency_us() -> int | None:
 def _watched(
     pid: int, endpoint: str, prefixes: list[str], epoch_ns: int, count: int
 ) -> tuple[Floats, int, list[float], list[int], float, float]:
-    """Latencies [ms] and overruns of the sender, ages [ms] and lags of the consumer, core share and MB of service."""
+    """Latencies [ms] and overruns of the sender,
+    ages [ms] and lags of the consumer, core share and MB of service.
+    """
     newest, over = SPAWN.Value("q", -1), SPAWN.Event()
     robots_end, robots_result = SPAWN.Pipe(duplex=False)
     consumer_end, consumer_result = SPAWN.Pipe(duplex=False)

@@ -1,4 +1,5 @@
-"""Tells whether logs in another unit or sign are told by channel and factor, and right ones left alone.
+"""Tells whether logs in another unit or sign are told by channel and factor,
+and right ones left alone.
 
 Each of the logs, of the experiments of real2sim in turn, is screened as it is, and with one channel
 in another unit or sign. Every third robot has drives of 0.7 to 1.3 times their strength. Of some

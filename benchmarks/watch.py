@@ -1,4 +1,5 @@
-"""Cost of a run's being watched: ages of its messages with and without a page that somebody looks at.
+"""Cost of a run's being watched: ages of its messages with
+and without a page that somebody looks at.
 
 saltus bench watch -- --runs 3 --speed 0.5
 """
@@ -48,7 +49,9 @@ class Benchmark(Command):
     """Terrain that the robot crosses."""
 
     def measure(self) -> dict[str, Any]:
-        """Ages, and by what factor they are longer in a run that is watched than in the one next to it."""
+        """Ages, and by what factor they are longer in a run
+        that is watched than in the one next to it.
+        """
         ages: dict[bool, list[dict[str, tuple[float, float]]]] = {False: [], True: []}
         rates, shares = [], []
         for number in progress(range(2 * self.runs)):
@@ -94,7 +97,9 @@ class Benchmark(Command):
 def _compared(
     ages: dict[bool, list[dict[str, tuple[float, float]]]], topic: str
 ) -> dict[str, float]:
-    """Medians of a topic's ages, and quartiles of the ratios of pairs: a computer's speed changes from hour to hour."""
+    """Medians of a topic's ages, and quartiles of the ratios of pairs:
+    a computer's speed changes from hour to hour.
+    """
     alone, watched = (np.array([row[topic] for row in ages[which]]) for which in (False, True))
     low, ratio, high = np.quantile(watched[:, 1] / alone[:, 1], [0.25, 0.5, 0.75])
     return {

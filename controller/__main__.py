@@ -78,7 +78,9 @@ class ControllerRun:
         self._steps_lost = 0
 
     def run(self) -> None:
-        """Steps to the end: in lockstep when all others have answered, in real time by the run's clock."""
+        """Steps to the end: in lockstep when all others have answered,
+        in real time by the run's clock.
+        """
         exchange = ticker = None
         if self._context.config.pace == "lockstep":
             exchange = Lockstep(self._context, self._plans)

@@ -1,4 +1,5 @@
-"""Brings a bounding robot to walking pace without a planner: a plan that the controller makes itself.
+"""Brings a bounding robot to walking pace without a planner:
+a plan that the controller makes itself.
 
 At 1.8 m/s the capture point is 0.3 m ahead of the hips: no single contact can stop the robot. It
 goes on bounding on the schedule of the gait while the reference of forward velocity is zero, which

@@ -1,4 +1,5 @@
-"""Compensation: known effects of drives are taken out of the commands, so that joints do what the law asks for.
+"""Compensation: known effects of drives are taken out of the commands,
+so that joints do what the law asks for.
 
 A drive makes kp (q* - q) + kd (v* - v) + torque, of which the joint gets `gain` times as much, less
 `damping` times its velocity v. So gains and torque are divided by `gain`, and the joint's own
@@ -57,7 +58,8 @@ class Compensation:
 
 
 def compensation_of(profile: Profile, robot: Robot) -> Compensation | None:
-    """Returns what the profile says of torque gain and viscous friction; None where it says nothing of them.
+    """Returns what the profile says of torque gain and viscous friction;
+    None where it says nothing of them.
 
     Raises:
         ConfigError: a motor with less than `LEAST_GAIN` of its torque.

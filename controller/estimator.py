@@ -113,7 +113,9 @@ class Estimator:
     def _legs(
         self, measured: Measurement, rotation: Rotations, trusted: LegFlags, velocity: Vectors
     ) -> tuple[MotionEstimates, Array]:
-        """Velocity and height of the base by the trusted feet, (..., 4), and how far to believe them, (..., 1)."""
+        """Velocity and height of the base by the trusted feet,
+        (..., 4), and how far to believe them, (..., 1).
+        """
         xp = namespace(rotation)
         foot, jacobian = self._kinematics.position_and_jacobian(measured.joint_position)
         joint = measured.joint_velocity.reshape((*foot.shape, 1))

@@ -1,4 +1,5 @@
-"""Velocity feedback of stance legs: the joints are damped towards the motion that the body should have.
+"""Velocity feedback of stance legs: the joints are damped towards the motion
+that the body should have.
 
 A foot that stands still in the world while the base moves at its reference has the velocity -(v + w
 x p) in the base frame; the inverse leg Jacobian turns it into joint velocities, and the drives
@@ -56,7 +57,9 @@ class VelocityFeedback:
 
 
 def _solve_symmetric(xp: Array, matrix: Jacobians, right: Legs) -> Legs:
-    """Solution of symmetric 3 x 3 systems by cofactors: libraries wait for a GPU to report singular ones."""
+    """Solution of symmetric 3 x 3 systems by cofactors:
+    libraries wait for a GPU to report singular ones.
+    """
     a, b, c = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 0, 2]
     d, e, f = matrix[..., 1, 1], matrix[..., 1, 2], matrix[..., 2, 2]
     aa, ab, ac = d * f - e * e, c * e - b * f, b * e - c * d

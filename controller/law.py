@@ -232,7 +232,8 @@ class LegController:
     def _land(
         self, sensed: Proprioception, reference: Reference, body: YawFrameBody, state: LawState
     ) -> tuple[JointCommand, LawState, Diagnostics]:
-        """All legs are springs that reach for the ground at the capture point, in whatever order they touch it.
+        """All legs are springs that reach for the ground at the capture point,
+        in whatever order they touch it.
 
         Forces cannot be planned here: feet come down when the schedule does not say so. It still
         tells the estimator which feet to trust. The plan's foot residual is added, so that legs can
@@ -311,7 +312,9 @@ class LegController:
         return command, replace(state, liftoff=liftoff), diagnostics
 
     def _velocities(self, reference: Reference, body: YawFrameBody) -> tuple[Vectors, Vectors]:
-        """Velocity references of a plan: turned to the heading, and no further from the present than allowed."""
+        """Velocity references of a plan: turned to the heading,
+        and no further from the present than allowed.
+        """
         xp = namespace(body.roll)
         error = body.yaw - reference.heading
         error = error - 2.0 * np.pi * xp.round(error * (0.5 / np.pi))

@@ -1,4 +1,6 @@
-"""Lockstep from the side of the plant: one policy step is over when camera, heightmap and planner have answered."""
+"""Lockstep from the side of the plant: one policy step is over when camera,
+heightmap and planner have answered.
+"""
 
 import time
 from collections.abc import Callable
@@ -29,7 +31,8 @@ class Lockstep:
         self._depth_due = -1
 
     def answered(self, truth: GroundTruth, state: Callable[[int, int, int], RobotState]) -> bool:
-        """Takes one policy step through camera, heightmap and planner; False if the process is to stop.
+        """Takes one policy step through camera, heightmap and planner;
+        False if the process is to stop.
 
         `state` makes the robot state from time, step and the newest camera frame that is due. The
         plan is then in `Plans`.
@@ -52,7 +55,9 @@ class Lockstep:
         return self._ask(ask, lambda wait_s: self._planned(step, wait_s), step)
 
     def _ask(self, send: Callable[[bool], None], answer: Callable[[float], str], step: int) -> bool:
-        """Sends until all have answered; `answer` names a process that has not, `send` is told whether it is again."""
+        """Sends until all have answered; `answer` names a process that has not,
+        `send` is told whether it is again.
+        """
         looked = sent = time.monotonic()
         silent_s = 0.0
         send(False)

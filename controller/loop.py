@@ -44,7 +44,8 @@ class _Row:
 
 
 class ControlLoop:
-    """Estimator, watchdog, braking and law of one robot: `sense(reading)`, then `state`, then `act(plan, age)`.
+    """Estimator, watchdog, braking and law of one robot:
+    `sense(reading)`, then `state`, then `act(plan, age)`.
 
     With `rises` the joints are led from where they are to the stand pose first, whatever the plan
     says, and the law has the robot from then on.
@@ -191,7 +192,9 @@ class ControlLoop:
         return self._tracking.command(plan)
 
     def _own_reference(self, reference: Reference) -> tuple[ControllerMode, Reference]:
-        """Returns what the law is to do: while plans are late and until the robot is slow it bounds on and brakes."""
+        """Returns what the law is to do: while plans are late
+        and until the robot is slow it bounds on and brakes.
+        """
         last = self._last
         if last is None or self.mode not in (ControllerMode.COAST, ControllerMode.LANDING):
             self._caught = False

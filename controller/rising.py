@@ -13,7 +13,9 @@ SOFT = 0.3
 
 
 def rising(start: Floats, robot: Robot, time_s: float) -> JointCommand:
-    """The command at a time of the rise, from joint angles `start`, shape (12,) [rad]: it never leaps."""
+    """The command at a time of the rise, from joint angles `start`,
+    shape (12,) [rad]: it never leaps.
+    """
     share = time_s / RISE_S
     led = 0.5 * (1.0 - np.cos(np.pi * share))
     one, gains = np.ones(12), robot.gains

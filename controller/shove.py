@@ -11,7 +11,8 @@ HARDEST_NS = 100.0
 
 
 class Shove:
-    """Obeys "push", whose detail is the impulse towards the left of the course [Ns], negative to the right.
+    """Obeys "push", whose detail is the impulse towards the left of the course [Ns],
+    negative to the right.
 
     It lasts 0.1 s, and another one that comes meanwhile takes its place. What is no number pushes
     nobody.

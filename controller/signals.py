@@ -1,4 +1,6 @@
-"""Inputs of the leg controller and what it derives at once: arrays with any leading batch dimensions."""
+"""Inputs of the leg controller and what it derives at once:
+arrays with any leading batch dimensions.
+"""
 
 from dataclasses import dataclass
 
@@ -58,7 +60,9 @@ class YawFrameBody:
 
 
 def reference_of(plan: Plan, heading: Scalars) -> Reference:
-    """The reference that a plan stands for, mirrored between left and right; `heading` is the yaw to hold [rad]."""
+    """The reference that a plan stands for, mirrored between left and right;
+    `heading` is the yaw to hold [rad].
+    """
     xp = namespace(plan.velocity_x)
     zero = xp.zeros_like(plan.velocity_x)
     front, rear = plan.foot_residual_front, plan.foot_residual_rear
@@ -72,7 +76,9 @@ def reference_of(plan: Plan, heading: Scalars) -> Reference:
 
 
 def observe(sensed: Proprioception, legs: LegKinematics) -> YawFrameBody:
-    """Attitude, velocities and feet of a robot with these legs, in the frames that the controller uses."""
+    """Attitude, velocities and feet of a robot with these legs,
+    in the frames that the controller uses.
+    """
     xp = namespace(sensed.joint_position)
     rotation = rotation_matrix(sensed.quaternion_base_in_world)
     roll, pitch, yaw = roll_pitch_yaw(rotation)

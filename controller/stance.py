@@ -1,4 +1,5 @@
-"""Stance legs: ground reaction forces from a quadratic program, torques from the Jacobian transpose.
+"""Stance legs: ground reaction forces from a quadratic program,
+torques from the Jacobian transpose.
 
 minimise  (a - a_ref)' U (a - a_ref) + f' V f     with a = M f - g, the centroidal model, in the base frame,
 subject to |fx|, |fy| <= mu fz, fz in [fz_min, fz_max] for standing feet and f = 0 for the others,
@@ -37,7 +38,9 @@ from saltus.rotations import SKEW
 
 @dataclass(frozen=True, kw_only=True)
 class StanceConfig:
-    """Weights and gains of the stance legs, for a robot of the reference's size (`Similarity`); original."""
+    """Weights and gains of the stance legs, for a robot of the reference's size (`Similarity`);
+    original.
+    """
 
     acceleration_weight: tuple[float, ...] = (1.0, 1.0, 10.0, 10.0, 10.0, 1.0)
     """U: x, y, z, roll, pitch, yaw."""
@@ -61,7 +64,9 @@ class StanceConfig:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StanceQP:
-    """minimise 1/2 f' H f + g' f over the forces f of all feet, of which those in contact may differ from 0."""
+    """minimise 1/2 f' H f + g' f over the forces f of all feet,
+    of which those in contact may differ from 0.
+    """
 
     hessian: JointMatrices
     """Shape (..., 12, 12)."""
@@ -147,7 +152,9 @@ class StanceLegs:
         return xp.sqrt(xp.sum(error * error * self._weight.like(force), axis=-1))
 
     def torque(self, body: YawFrameBody, force: Joints) -> Joints:
-        """Joint torques [Nm], shape (..., 12), that press the feet down with `force` (yaw frame, (..., 12))."""
+        """Joint torques [Nm], shape (..., 12),
+        that press the feet down with `force` (yaw frame, (..., 12)).
+        """
         xp = namespace(force)
         batch = force.shape[:-1]
         force_base = force.reshape((*batch, 4, 3)) @ body.base_in_yaw
@@ -157,7 +164,9 @@ class StanceLegs:
 
 
 def scaled_acceleration_weight(robot: Robot, config: StanceConfig) -> Floats:
-    """U for a robot, shape (6,): where legs are longer, angular accelerations are smaller, and count as much."""
+    """U for a robot, shape (6,): where legs are longer,
+    angular accelerations are smaller, and count as much.
+    """
     linear, angular = np.array(config.acceleration_weight).reshape(2, 3)
     return np.concatenate([linear, angular * Similarity.of_robot(robot).length ** 2])
 
@@ -253,7 +262,9 @@ def _columns(pattern: int) -> NDArray[np.intp]:
 def _constraints(
     feet: int, force_range: Floats, mu: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Rows, upper and lower bounds: first bounds on the forces themselves, then +-fx - mu fz <= 0 and the same in y."""
+    """Rows, upper and lower bounds: first bounds on the forces themselves,
+    then +-fx - mu fz <= 0 and the same in y.
+    """
     low, high = force_range
     pyramid = np.array([[1.0, 0.0, -mu], [-1.0, 0.0, -mu], [0.0, 1.0, -mu], [0.0, -1.0, -mu]])
     matrix = np.kron(np.eye(feet), pyramid)

@@ -1,4 +1,5 @@
-"""Stance forces of thousands of robots at once: a fixed number of steps of ADMM on the same quadratic program.
+"""Stance forces of thousands of robots at once:
+a fixed number of steps of ADMM on the same quadratic program.
 
 The exact solver takes one robot after the other; training needs a fixed amount of arithmetic on
 whole batches. With A = U^(1/2) M' the objective is |A f - b|^2 + V |f|^2, and one step is: the
@@ -29,7 +30,9 @@ STEPS = 16
 
 
 class BatchedSolver:
-    """Approximate stance forces by batched arithmetic, numpy or torch, float32 or float64; `steps` of ADMM."""
+    """Approximate stance forces by batched arithmetic,
+    numpy or torch, float32 or float64; `steps` of ADMM.
+    """
 
     def __init__(
         self, robot: Robot, config: StanceConfig | None = None, steps: int = STEPS
@@ -103,7 +106,8 @@ class BatchedSolver:
 
 
 def invert(matrix: Array) -> Array:
-    """Inverse of small symmetric positive definite matrices by Gauss-Jordan elimination, all at once.
+    """Inverse of small symmetric positive definite matrices by Gauss-Jordan elimination,
+    all at once.
 
     Pivots need no search as they are positive. Libraries factorise batches of tiny matrices slower
     than this, and no compiler can join their work with its surroundings. Shape (..., k, k).

@@ -56,7 +56,8 @@ class SwingLegs:
         stance_duration: Scalars,
         base_height: Scalars,
     ) -> Legs:
-        """Position of the feet relative to the base without the residual, yaw frame [m], shape (..., 4, 3).
+        """Position of the feet relative to the base without the residual,
+        yaw frame [m], shape (..., 4, 3).
 
         Args:
             body: the robot now.
@@ -74,7 +75,8 @@ class SwingLegs:
         return liftoff + (middle - liftoff) * first + step * second
 
     def capture_point(self, body: YawFrameBody, height: float) -> Legs:
-        """Where feet must stand to bring the body to rest at a height [m]: hip + velocity sqrt(height / g).
+        """Where feet must stand to bring the body to rest at a height [m]:
+        hip + velocity sqrt(height / g).
 
         The capture point of the linear inverted pendulum, within the landing limits; yaw frame,
         shape (..., 4, 3).

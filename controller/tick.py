@@ -1,4 +1,5 @@
-"""The laws of one tick of the control loop: on numpy, which is the reference, or compiled for one robot.
+"""The laws of one tick of the control loop: on numpy,
+which is the reference, or compiled for one robot.
 
 `CompiledTick` has the same laws as straight-line Python on floats (`saltus.straight_line`), which
 takes a fifth of the time. A test holds it to `Tick` over thousands of drawn robots
@@ -180,7 +181,9 @@ class CompiledTick(Tick):
 
 
 class NotedSolver(ExactSolver):
-    """The exact solver for a law that is compiled: it is called with the entries of the problem that feet stand for."""
+    """The exact solver for a law that is compiled:
+    it is called with the entries of the problem that feet stand for.
+    """
 
     def __init__(self, robot: Robot) -> None:
         super().__init__(robot, LegControllerConfig().stance)

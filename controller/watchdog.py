@@ -1,4 +1,6 @@
-"""Decides what the leg controller does when plans are late, the planner is blind, or the robot tips over."""
+"""Decides what the leg controller does when plans are late,
+the planner is blind, or the robot tips over.
+"""
 
 from dataclasses import dataclass
 from math import isfinite, radians

@@ -190,7 +190,9 @@ class Policy:
         self.past: list[np.ndarray] = []
 
     def step(self, state: Any, heights: np.ndarray) -> np.ndarray:
-        """Frequency, velocities ahead and up, pitch rate, residuals of front and rear feet, shape (10,); each 10 ms."""
+        """Frequency, velocities ahead and up, pitch rate,
+        residuals of front and rear feet, shape (10,); each 10 ms.
+        """
         now = features(state, heights)
         known = now[: -len(heights)]
         if not self.past:

@@ -1,4 +1,5 @@
-"""Saltus as a library: a terrain, the policy on it, a recorded run, and the predictor on its images.
+"""Saltus as a library: a terrain, the policy on it,
+a recorded run, and the predictor on its images.
 
     python examples/library.py runs/<run>/recording.mcap
 

@@ -1,4 +1,5 @@
-"""A predictor of heights that needs no Saltus: reads the inputs of the benchmark, writes a file that can be scored.
+"""A predictor of heights that needs no Saltus:
+reads the inputs of the benchmark, writes a file that can be scored.
 
     saltus bench depth_to_heights make
     python examples/own_predictor.py runs/depth_to_heights/inputs.parquet mine.parquet
@@ -22,7 +23,9 @@ HALF_WIDTH_90_M = (
 
 
 def predict(run: pa.Table) -> tuple[np.ndarray, np.ndarray]:
-    """Heights relative to the base and halves of their 90 % intervals [m], shape (steps, 30) each, of one run."""
+    """Heights relative to the base and halves of their 90 % intervals [m],
+    shape (steps, 30) each, of one run.
+    """
     base_height = run["observation.base_height"].to_numpy()
     height = np.repeat(-base_height[:, None], POINTS, axis=1)
     return height, np.full_like(height, HALF_WIDTH_90_M)

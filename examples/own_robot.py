@@ -1,4 +1,5 @@
-"""A robot of your own on the bus, without Saltus: it sends its state and depth images, and is told heights.
+"""A robot of your own on the bus, without Saltus:
+it sends its state and depth images, and is told heights.
 
     pip install eclipse-zenoh numpy rosbags
     saltus router --out runs/mine                       # one terminal
@@ -120,7 +121,9 @@ def level_ground() -> np.ndarray:
 
 
 def image_fields(depth: np.ndarray, time_ns: int, focal: float = FOCAL) -> dict[str, object]:
-    """The image and its intrinsics, as in ROS: pixel (u, v) looks through ((u - cx) / fx, (v - cy) / fy)."""
+    """The image and its intrinsics, as in ROS:
+    pixel (u, v) looks through ((u - cx) / fx, (v - cy) / fy).
+    """
     height, width = depth.shape
     intrinsics = np.array(
         [focal, 0.0, 0.5 * width - 0.5, 0.0, focal, 0.5 * height - 0.5, 0.0, 0.0, 1.0]

@@ -38,7 +38,9 @@ def main(*, seed: int = 2, out: Path = Path("runs/real2sim")) -> None:
 
 
 def draw(shown: Demonstration, log: RunLog, path: Path) -> None:
-    """One joint as measured and as simulated with and without the patch, and the gap on segments unseen by any fit."""
+    """One joint as measured and as simulated with and without the patch,
+    and the gap on segments unseen by any fit.
+    """
     mpl.use("Agg")
     from matplotlib import pyplot as plt
 

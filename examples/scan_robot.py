@@ -1,4 +1,5 @@
-"""Any robot on the bus, without Saltus: it sends states and depth images, and is told 187 heights and an observation.
+"""Any robot on the bus, without Saltus: it sends states and depth images,
+and is told 187 heights and an observation.
 
     pip install eclipse-zenoh numpy rosbags
     saltus router --grid scan --camera examples/scan_camera.toml --out runs/mine   # one terminal

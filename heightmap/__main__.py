@@ -23,7 +23,8 @@ def body(
     peer: bool = False,
     scan: ScanChoice | None = None,
 ) -> None:
-    """Serves `robots`, each on a bus of its own (`peer`: see `ZenohBus`); run.toml's robot where there are none.
+    """Serves `robots`, each on a bus of its own (`peer`: see `ZenohBus`);
+    run.toml's robot where there are none.
 
     The grid is run.toml's where there is no `scan`.
     """

@@ -1,4 +1,6 @@
-"""Rounds of the closed loop, which robots on processors or on the hosts of a cluster add to a dataset."""
+"""Rounds of the closed loop, which robots on processors
+or on the hosts of a cluster add to a dataset.
+"""
 
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing

@@ -1,4 +1,6 @@
-"""A robot that stands still and level: for recordings of a camera without a robot, and for checks of models."""
+"""A robot that stands still and level: for recordings of a camera without a robot,
+and for checks of models.
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace

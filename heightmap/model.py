@@ -1,4 +1,5 @@
-"""The heightmap network: a small CNN reads the newest depth image, a GRU keeps what has left the view.
+"""The heightmap network: a small CNN reads the newest depth image,
+a GRU keeps what has left the view.
 
 One call of `step` is one tick at 100 Hz. Beyond the paper's network (original: channels 2, 4, 8,
 one GRU layer of 256, three hidden layers of 256 with ELU) it sees which pixels are valid and how

@@ -1,4 +1,6 @@
-"""Settings of collections and trainings: each dataclass is the TOML file and the flags of its command."""
+"""Settings of collections and trainings: each dataclass is the TOML file
+and the flags of its command.
+"""
 
 import math
 from dataclasses import asdict, dataclass, field
@@ -88,8 +90,8 @@ class PredictorTraining:
     """Delivery of the images. training: 30 to 110 ms late with jitter, losses and pauses. nominal:
     50 ms late, none lost. at-once: neither late nor lost."""
     forgets: float = 0.4
-    """Share of windows before which the hidden state is emptied on the way, as after a long loss of images: its first
-    half second is then learned as well as the rest."""
+    """Share of windows before which the hidden state is emptied on the way,
+    as after a long loss of images: its first half second is then learned as well as the rest."""
     seed: int = 0
     """Seed of weights, batches and noise."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
@@ -129,8 +131,8 @@ class LoopSettings:
     variation: float = VARIATION
     """Standard deviation of each of the scripted planner's numbers, as a share of it."""
     terrains: tuple[str, ...] = TERRAINS
-    """Families of the courses, drawn evenly from this list: who stands in it twice is drawn twice as often. ramp_up,
-    ramp_down and families of your own are named like the others."""
+    """Families of the courses, drawn evenly from this list: who stands in it twice is drawn twice
+    as often. ramp_up, ramp_down and families of your own are named like the others."""
 
     def __post_init__(self) -> None:
         check_between(
@@ -143,7 +145,9 @@ class LoopSettings:
 
     @property
     def table(self) -> dict[str, object]:
-        """Table for a manifest: of robots, grids, terrains and renderers only others than older manifests mean."""
+        """Table for a manifest: of robots, grids,
+        terrains and renderers only others than older manifests mean.
+        """
         usual = {
             **UNNAMED,
             "terrains": list(USUAL_TERRAINS),
@@ -167,14 +171,14 @@ class ClosedLoop(LoopSettings):
     courses: int = 8
     """Different terrains in a batch: the images of robots on the same one are taken together."""
     hardest: float = 0.8
-    """Courses go up to this difficulty, that of the paper's. There the scripted planner falls, and the learned one with
-    poor heights: falls are part of what must be seen."""
+    """Courses go up to this difficulty, that of the paper's. There the scripted planner falls,
+    and the learned one with poor heights: falls are part of what must be seen."""
     learned: float = 0.5
     """Share of robots that the learned policy drives; the scripted planner drives the others."""
     camera: str = "d435i"
-    """Takes the images that are kept. d435i: stereo errors of different strength for each robot. ideal: true depth. Or
-    a TOML file. The predictor in the loop sees true depth: what it costs a robot to step a little
-    worse is not worth the time."""
+    """Takes the images that are kept. d435i: stereo errors of different strength for each robot.
+    ideal: true depth. Or a TOML file. The predictor in the loop sees true depth: what it costs a
+    robot to step a little worse is not worth the time."""
     renderer: Annotated[BackEnd, tyro.conf.arg(aliases=["--renderer"])] = USUAL_RENDERER
     """Back end that renders these images."""
 
@@ -206,8 +210,8 @@ class DaggerConfig:
     seed: int = 0
     """Seed of terrains, trials, cameras, weights and noise."""
     profile: str = SHIPPED
-    """Hardware of the robots and how their cameras sit: shipped (those of the robot), ideal, one of your own, or a TOML
-    file."""
+    """Hardware of the robots and how their cameras sit:
+    shipped (those of the robot), ideal, one of your own, or a TOML file."""
     loop: ClosedLoop
 
     def __post_init__(self) -> None:
@@ -234,8 +238,8 @@ class ProcessorCollection:
     seed: int = 0
     """Seed of terrains, trials and cameras."""
     profile: str = SHIPPED
-    """Hardware of the robots and how their cameras sit: shipped (those of the robot), ideal, one of your own, or a TOML
-    file."""
+    """Hardware of the robots and how their cameras sit:
+    shipped (those of the robot), ideal, one of your own, or a TOML file."""
     model: Annotated[Path | None, tyro.conf.arg(metavar="PATH", help_behavior_hint=_NONE)] = None
     """ONNX file of the predictor in the loop."""
     loop: ClosedLoop
@@ -251,8 +255,8 @@ class DeviceLoop(LoopSettings):
     robots: int = 4096
     """At once: 2.5 GB of a GPU's memory for what 6 s of them leave."""
     hardest: float = 1.0
-    """Courses go up to this difficulty, evenly. At 1 they are those of the policy's training; up to 1.2, as falls are
-    part of what must be seen."""
+    """Courses go up to this difficulty, evenly. At 1 they are those of the policy's training;
+    up to 1.2, as falls are part of what must be seen."""
     learned: float = 1.0
     """Share of robots that the learned policy drives; the scripted planner drives the others."""
     cameras: tuple[str, ...] = ("d435i",)

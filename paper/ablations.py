@@ -1,4 +1,6 @@
-"""The paper's ablations as they are measured: systems of what was trained, in simulation and on a stand-in."""
+"""The paper's ablations as they are measured:
+systems of what was trained, in simulation and on a stand-in.
+"""
 
 import contextlib
 from collections.abc import Mapping, Sequence
@@ -84,7 +86,8 @@ def shown_in(row: str, trained: Path) -> tuple[str, ...]:
 
 
 def files_of(name: str, trained: Path) -> list[tuple[Path, ...]]:
-    """Files of what was trained for a system, by seed: its policy, and its predictor where that is not the shipped one.
+    """Files of what was trained for a system, by seed: its policy,
+    and its predictor where that is not the shipped one.
 
     A file may be missing where its checksum is there: see `check_weights`.
 
@@ -168,7 +171,8 @@ def check_weights(name: str, trained: Path, known: Sequence[Places | None]) -> N
 def measure(
     name: str, effort: Effort, trained: Path, known: Sequence[Places | None] = ()
 ) -> dict[str, Any]:
-    """Returns what a system came to on 14 stairs, by place: in simulation, and on the stand-in for the real robot.
+    """Returns what a system came to on 14 stairs, by place:
+    in simulation, and on the stand-in for the real robot.
 
     Args:
         name: Of `SYSTEMS`.

@@ -23,7 +23,8 @@ REPORT, TRAIN = "report", "train"
 
 @dataclass(frozen=True, kw_only=True)
 class Paper:
-    """Makes the paper's tables and figures again from the shipped models: lists them, makes one, or a page of all.
+    """Makes the paper's tables and figures again from the shipped models:
+    lists them, makes one, or a page of all.
 
     A row is written as PNG and JSON. `report` makes those that are not there yet, and one page of
     all. All of it is measured in simulation. Figures need matplotlib.

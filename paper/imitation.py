@@ -62,7 +62,9 @@ class ImitationNetwork:
     def tick(
         self, image: Singles, age_s: Floats, new: NDArray[np.bool_], state: Singles, hidden: Singles
     ) -> Tick:
-        """One tick of many robots: normalised plans, zeros behind them, and widths that say nothing."""
+        """One tick of many robots: normalised plans,
+        zeros behind them, and widths that say nothing.
+        """
         values = (image, age_s, new, state, hidden)
         given = {
             name: np.asarray(value, np.float32)

@@ -1,4 +1,6 @@
-"""Learning curves of the paper's trainings: of the full policy by experience, of what sees by updates."""
+"""Learning curves of the paper's trainings: of the full policy by experience,
+of what sees by updates.
+"""
 
 from pathlib import Path
 
@@ -23,7 +25,9 @@ lie within [-1, 1]."""
 
 
 def learning_curves(_: Effort, trained: Path) -> Made:
-    """Curves of each training of the full system by experience, and of the networks that see by updates."""
+    """Curves of each training of the full system by experience,
+    and of the networks that see by updates.
+    """
     columns = {
         "reward": "reward of an iteration",
         "stairs/level": "stairs",
@@ -78,7 +82,9 @@ def learning_curves(_: Effort, trained: Path) -> Made:
 
 
 def _errors(trained: Path) -> dict[str, dict[str, dict[str, Floats]]]:
-    """Errors of the networks of the least seed by updates: of each that is trained its parts, by name."""
+    """Errors of the networks of the least seed by updates:
+    of each that is trained its parts, by name.
+    """
     found: dict[str, dict[str, dict[str, Floats]]] = {part: {} for part in _NETWORKS}
     for part, curves in found.items():
         for path in sorted((trained / part).glob(f"seed-*/{PROGRESS}"))[:1]:

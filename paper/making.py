@@ -162,7 +162,8 @@ def _trainings_in(result: dict[str, Any], system: str) -> list[tuple[Any, Places
 
 
 def made_before(row: Row, folder: Path) -> dict[str, Any] | None:
-    """Reads what `make` has written; None where it has not, or of other models than the shipped ones.
+    """Reads what `make` has written; None where it has not,
+    or of other models than the shipped ones.
 
     Also for an ablation: its picture shows other systems, of which more may have been trained
     since.

@@ -204,7 +204,9 @@ def tracking(effort: Effort) -> Made:
 
 
 def no_feedback_deployment(effort: Effort) -> Made:
-    """The shipped policy with the velocity feedback of legs that stand switched off when it is deployed."""
+    """The shipped policy with the velocity feedback of legs
+    that stand switched off when it is deployed.
+    """
     courses = [make_terrain(course) for course in COURSES.values()]
     settings = [
         Setting(terrain=terrain, feedback=on) for on in (True, False) for terrain in courses

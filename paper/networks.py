@@ -1,4 +1,5 @@
-"""Trainings of the paper's networks that see: the predictor, one without delay, and one that imitates plans.
+"""Trainings of the paper's networks that see: the predictor,
+one without delay, and one that imitates plans.
 
 All of a seed learn from the same data, which the predictor's rounds make: robots that the full
 system's policy drives, in the first round with true heights, then with the predictor of the round
@@ -141,7 +142,8 @@ def train_network(
 
 
 def for_imitation(episode: Episode) -> Episode:
-    """An episode as an imitator gets it: it is shown the policy's own state, and is to tell the plan.
+    """An episode as an imitator gets it: it is shown the policy's own state,
+    and is to tell the plan.
 
     Raises:
         SaltusError: plans were not kept.

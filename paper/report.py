@@ -1,4 +1,6 @@
-"""One page about the paper: what it shows, in words of our own, ours drawn, and numbers side by side."""
+"""One page about the paper: what it shows, in words of our own,
+ours drawn, and numbers side by side.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -60,7 +62,9 @@ def _worth(results: Mapping[str, dict[str, Any]]) -> list[tuple[str, ...]]:
 
 
 def _difference(places: Mapping[str, Any], others: Mapping[str, Any]) -> str:
-    """Difference of the shares of successes [percentage points], in each of `PLACES` that both have."""
+    """Difference of the shares of successes [percentage points],
+    in each of `PLACES` that both have.
+    """
     both = [where for where in PLACES if where in places and where in others]
     return ", ".join(
         f"{100.0 * (_share(places[where]) - _share(others[where])):+.0f}" for where in both

@@ -1,4 +1,5 @@
-"""Every table, figure and claim of the paper's experiments: what it shows, its numbers, and how Saltus makes it.
+"""Every table, figure and claim of the paper's experiments:
+what it shows, its numbers, and how Saltus makes it.
 
 Paper: "Agile Continuous Jumping in Discontinuous Terrains". What it shows is said in words of our
     own. Each number says

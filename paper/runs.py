@@ -114,7 +114,9 @@ class Ran:
         return np.asarray(np.cumsum(~self.trace.stance.all(axis=-1)) > 0)
 
     def landings(self, pair: str) -> list[Landing]:
-        """Where a pair of feet came to bear first in each of its stances, but for the one that it starts in."""
+        """Where a pair of feet came to bear first in each of its stances,
+        but for the one that it starts in.
+        """
         legs = PAIRS[pair]
         stands = np.asarray(self.trace.stance[:, legs].any(axis=-1))
         begins = np.flatnonzero(stands[1:] & ~stands[:-1]) + 1
@@ -131,7 +133,9 @@ class Ran:
 
     @property
     def jumps(self) -> int:
-        """Landings of the front feet beyond the first edge, up to the first one beyond the last edge."""
+        """Landings of the front feet beyond the first edge,
+        up to the first one beyond the last edge.
+        """
         edges = self.terrain.edges_x
         behind = [landing.x for landing in self.landings("front") if landing.x >= edges[0]]
         over = next((i for i, x in enumerate(behind) if x >= edges[-1]), len(behind) - 1)
@@ -139,7 +143,9 @@ class Ran:
 
     @property
     def edges_passed(self) -> int:
-        """How many edges of the course the trunk's centre came across: steps of a staircase before a failure."""
+        """How many edges of the course the trunk's centre came across:
+        steps of a staircase before a failure.
+        """
         return int((self.terrain.edges_x <= self.trace.base[:, 0].max()).sum())
 
     def time_at(self, x: float) -> float:
@@ -174,7 +180,9 @@ def ran(settings: Sequence[Setting], effort: Effort) -> list[list[Ran]]:
 
 
 def watched(setting: Setting, effort: Effort) -> tuple[Ran, list[tuple[float, Floats]]]:
-    """The first trial with what its camera saw: time [s] and depth [m], shape (48, 16), of each image."""
+    """The first trial with what its camera saw:
+    time [s] and depth [m], shape (48, 16), of each image.
+    """
     images: list[tuple[float, Floats]] = []
 
     def look(moment: Moment, source: HeightSource) -> None:

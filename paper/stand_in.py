@@ -1,4 +1,5 @@
-"""A simulated robot that stands in for the real one: what none of the ablations' trainings draws, drawn once.
+"""A simulated robot that stands in for the real one:
+what none of the ablations' trainings draws, drawn once.
 
 Its seed was named before any policy had met it. It is the same for all systems.
 """
@@ -21,7 +22,9 @@ STAND_IN_SEED = 20261122
 
 
 def stand_in(seed: int = STAND_IN_SEED) -> Profile:
-    """The shipped profile with effects that the ablations' policies and the shipped predictor have not been drawn."""
+    """The shipped profile with effects that the ablations' policies
+    and the shipped predictor have not been drawn.
+    """
     rng = np.random.default_rng(seed)
     side = rng.choice([-1.0, 1.0], 6)
 

@@ -1,4 +1,5 @@
-"""Rows about what the simulator lacks: both effects of the paper are hidden in a simulated robot and found in its logs.
+"""Rows about what the simulator lacks: both effects of the paper are hidden
+in a simulated robot and found in its logs.
 
 The dynamometer's table is a hardware measurement of the original's authors; everything else here is
 simulation.
@@ -139,7 +140,9 @@ def _height_by_joints(log: RunLog, robot: Robot) -> tuple[Floats, Floats]:
 
 
 def _height_by_images(log: RunLog) -> tuple[Floats, Floats]:
-    """Height of the base above the level ground that images show [m], at the times at which they arrive [s]."""
+    """Height of the base above the level ground that images show [m],
+    at the times at which they arrive [s].
+    """
     claim, depth = log.meta["camera"], log.depth
     if depth is None:
         raise SaltusError("the log has no images")

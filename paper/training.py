@@ -1,4 +1,5 @@
-"""The paper's ablations as values: what the training of each policy differs in, and how it is trained.
+"""The paper's ablations as values: what the training of each policy differs in,
+and how it is trained.
 
 All begin with the defaults of one GPU: the paper's terrains and its randomisation, without what
 Saltus draws beyond it. The shipped policy is another one, trained wider and longer. Machines that

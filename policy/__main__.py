@@ -100,7 +100,9 @@ class PlannerLoop:
         return None
 
     def _command_of(self, state: RobotState) -> DriveCommand | None:
-        """The newest command; in lockstep that of this state, waited for, where the run has a script."""
+        """The newest command; in lockstep that of this state,
+        waited for, where the run has a script.
+        """
         newest: DriveCommand | None = None
         waits = self._lockstep and self._context.config.commands is not None
         while True:

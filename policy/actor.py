@@ -31,7 +31,8 @@ _TOLERANCE = 1e-6  # of a number that went through text
 
 
 class PolicyActor:
-    """Plans for any batch of robots, with the interface of the scripted planner, by a file of `policy.training.export`.
+    """Plans for any batch of robots, with the interface of the scripted planner,
+    by a file of `policy.training.export`.
 
     One thread that sleeps between calls. A plan follows from one observation, one heightmap, and,
     if the policy was trained to recall them, from the calls before: see `past_steps`.
@@ -76,7 +77,9 @@ class PolicyActor:
         return plan_from_values(values)
 
     def values(self, given: Reals) -> Floats:
-        """Values of `ACTIONS`, shape (..., 10), for vectors of `saltus.policy.features.with_past`, (..., some)."""
+        """Values of `ACTIONS`, shape (..., 10),
+        for vectors of `saltus.policy.features.with_past`, (..., some).
+        """
         flat = np.ascontiguousarray(given.reshape(-1, self._size), dtype=np.float32)
         plan = np.asarray(self._session.run(["plan"], {"features": flat})[0], dtype=np.float64)
         return plan.reshape((*given.shape[:-1], len(ACTIONS)))

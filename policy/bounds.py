@@ -1,4 +1,6 @@
-"""How far the learned policy may go: its ten outputs, from [-1, 1] to the values of a plan and back."""
+"""How far the learned policy may go: its ten outputs,
+from [-1, 1] to the values of a plan and back.
+"""
 
 from dataclasses import dataclass
 
@@ -79,7 +81,9 @@ def plan_from_values(values: Array) -> Plan:
 
 
 def values_of(plan: Plan) -> Array:
-    """The values of a plan in the order of `ACTIONS`, shape (..., 10): the inverse of `plan_from_values`."""
+    """The values of a plan in the order of `ACTIONS`, shape (..., 10):
+    the inverse of `plan_from_values`.
+    """
     xp = namespace(plan.velocity_x)
     scalars = (plan.stepping_frequency_hz, plan.velocity_x, plan.velocity_z, plan.pitch_rate)
     return xp.concat(

@@ -1,4 +1,5 @@
-"""Features, which the learned policy sees: one vector, in SI units, made from an observation and a heightmap.
+"""Features, which the learned policy sees: one vector,
+in SI units, made from an observation and a heightmap.
 
 Everything in it is known to a robot without its position: attitude from the IMU, velocity and
 height from the estimator, feet from the joints, the gait's schedule, and terrain heights. Scaling
@@ -39,7 +40,9 @@ def layout(grid: HeightGrid) -> dict[str, int]:
 
 
 def features(observation: Observation, heights: Array) -> Array:
-    """The vector that goes into the policy's network, shape (..., size); heights are relative to the base [m]."""
+    """The vector that goes into the policy's network, shape (..., size);
+    heights are relative to the base [m].
+    """
     xp = namespace(heights)
     one = xp.ones_like(observation.progress)
     parts = {
@@ -91,7 +94,8 @@ def size_with(grid: HeightGrid, past_steps: tuple[int, ...] = ()) -> int:
 
 
 def with_past(vector: Array, past: Array, past_steps: tuple[int, ...]) -> Array:
-    """Returns what the network gets: the vector, shape (..., size), and the instants that it recalls.
+    """Returns what the network gets: the vector, shape (..., size),
+    and the instants that it recalls.
 
     Args:
         vector: Of now.

@@ -1,4 +1,6 @@
-"""A robot behind any backend on ground that is known to be level: it rises, stands, bounds, and stands again."""
+"""A robot behind any backend on ground that is known to be level:
+it rises, stands, bounds, and stands again.
+"""
 
 import numpy as np
 

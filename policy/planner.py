@@ -51,6 +51,8 @@ def jumping_planner(robot: Robot) -> Planner:
 
 
 def warm_up(planner: Planner, robot: Robot, grid: HeightGrid) -> None:
-    """Plans once for a robot that stands on level ground, as a first call takes longer than the others."""
+    """Plans once for a robot that stands on level ground,
+    as a first call takes longer than the others.
+    """
     standing = observe(standing_state(robot), LegKinematics(robot))
     planner.step(standing, np.full(grid.size, -robot.stand_height))

@@ -1,4 +1,6 @@
-"""When the planner lets the robot go, and when it makes it stop: a pure class, without bus and clock."""
+"""When the planner lets the robot go, and when it makes it stop:
+a pure class, without bus and clock.
+"""
 
 from dataclasses import dataclass
 

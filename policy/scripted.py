@@ -260,7 +260,9 @@ class ScriptedPlanner:
         return velocity_z, bounding * pitch_rate + p.pitch_gain * pitch_error
 
     def _rate_of_support(self, observation: Observation, velocity_z: Array) -> Array:
-        """Pitch rate to ask for, so that the controller does not take weight off the feet to hold the pitch."""
+        """Pitch rate to ask for, so that the controller does not
+        take weight off the feet to hold the pitch.
+        """
         xp = namespace(velocity_z)
         x = xp.mean(xp.reshape(observation.foot[..., 0], (*velocity_z.shape, 2, 2)), axis=-1)
         stance_x = xp.where(observation.contact[..., FRONT], x[..., 0], x[..., 1])
@@ -271,7 +273,9 @@ class ScriptedPlanner:
         return observation.angular_velocity[..., 1] + acceleration / self._velocity_gain
 
     def _offset(self, observation: Observation, heights: Array) -> Array:
-        """Returns what to add to the heights so that the ground under the standing feet is where those feet are."""
+        """Returns what to add to the heights so
+        that the ground under the standing feet is where those feet are.
+        """
         xp = namespace(heights)
         standing = xp.astype(observation.contact, heights.dtype)
         count = xp.sum(standing, axis=-1)
@@ -288,7 +292,9 @@ class ScriptedPlanner:
     def _residual(
         self, observation: Observation, heights: Array, ground: Array, leg: int, shift: Value
     ) -> Array:
-        """Residual of one pair of feet, shape (..., 3); `ground` is what `heights` are without trenches."""
+        """Residual of one pair of feet, shape (..., 3);
+        `ground` is what `heights` are without trenches.
+        """
         p = self.parameters
         xp = namespace(heights)
         swing = observation.progress[..., leg]
@@ -330,7 +336,9 @@ class ScriptedPlanner:
     def _detour(
         self, observation: Observation, heights: Array, neutral: Array, begun: Array, resolve: Array
     ) -> Array:
-        """How far to land from the neutral point [m]; `resolve` is the cost of leaving the detour that has begun."""
+        """How far to land from the neutral point [m];
+        `resolve` is the cost of leaving the detour that has begun.
+        """
         p = self.parameters
         xp = namespace(heights)
         candidates = self._candidates.like(heights)
@@ -372,7 +380,9 @@ def bounded(plan: Plan) -> Plan:
 
 
 def _filled(heights: Array, base_height: Array) -> Array:
-    """Heights with trenches filled up to the ground in stance: the body crosses them as if they were not there."""
+    """Heights with trenches filled up to the ground in stance:
+    the body crosses them as if they were not there.
+    """
     xp = namespace(heights)
     level = -base_height[..., None]
     return xp.where(heights < level - TRENCH_DEPTH, level, heights)

@@ -1,4 +1,5 @@
-"""The whole cycle on a simulated robot: hide an effect, run an experiment, find the effect, apply it, look again.
+"""The whole cycle on a simulated robot: hide an effect,
+run an experiment, find the effect, apply it, look again.
 
 The search sees the run logs only: it knows as much of the robot as the owner of a real one.
 """

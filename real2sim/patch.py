@@ -1,4 +1,5 @@
-"""`patch.toml`: the effects that a verdict adds to a profile, their evidence, and the range in which they hold.
+"""`patch.toml`: the effects that a verdict adds to a profile,
+their evidence, and the range in which they hold.
 
 schema = "saltus-patch/1"
 
@@ -94,7 +95,8 @@ class Patch:
         return tomli_w.dumps(table)
 
     def applied_to(self, profile: Profile, robot: Robot) -> Profile:
-        """A profile of `robot` with these effects, which replace its values of the same effect at the same joints.
+        """A profile of `robot` with these effects,
+        which replace its values of the same effect at the same joints.
 
         Raises:
             ConfigError: an effect, parameter or joint that this version does not know, or a value
@@ -134,7 +136,8 @@ def load_patch(path: Path) -> Patch:
 
 
 def supported(effects: Sequence[FoundEffect], profile: Profile = IDEAL) -> tuple[FoundEffect, ...]:
-    """The effects that may go into a profile: with values within their bounds and intervals that exclude null.
+    """The effects that may go into a profile:
+    with values within their bounds and intervals that exclude null.
 
     A value may be null where `profile` has the effect: it takes the place of another. Joints and
     base are searched each for itself: of an effect that both found in one place the values with the

@@ -227,7 +227,9 @@ def _posed(sensor: Sensor, log: RunLog, profile: Profile) -> Problem:
 def judge(
     examinations: tuple[Examination, ...], evidence: tuple[Evidence, ...], profile: Profile = IDEAL
 ) -> Judgement:
-    """One verdict for all logs, and the patch; `RecordingError` if no sensor of any log could be compared."""
+    """One verdict for all logs, and the patch;
+    `RecordingError` if no sensor of any log could be compared.
+    """
     bad = [fault.text for each in examinations for fault in each.faults if fault.is_fatal]
     remarks = [
         text for each in examinations for text in (*(f.text for f in each.faults), *each.failures)
@@ -292,7 +294,9 @@ def _range(examinations: tuple[Examination, ...]) -> Applicability:
 
 @contextmanager
 def _results_folder(out: Path) -> Iterator[None]:
-    """Makes the folder for results before the long work, and removes it again if nothing is written."""
+    """Makes the folder for results before the long work,
+    and removes it again if nothing is written.
+    """
     is_new = not out.exists()
     ask_for_room(out)
     try:

@@ -1,4 +1,5 @@
-"""How far a comparison has got: each stage counts for what it typically costs, and within a search more work moves on.
+"""How far a comparison has got: each stage counts for what it typically costs,
+and within a search more work moves on.
 
 Typical costs were measured on logs of 15 to 30 s, on one core: eight logs of the experiments and of
 the benchmark.
@@ -43,7 +44,9 @@ class ComparisonProgress:
         self._done_s += seconds
 
     def search(self, name: str, seconds: float) -> Callable[[str, int], None]:
-        """Function that a search of so many typical seconds calls with its stage and the simulations it has made."""
+        """Function that a search of so many typical seconds calls
+        with its stage and the simulations it has made.
+        """
         level, share = 0, 0.0
 
         def simulated(stage: str, count: int) -> None:

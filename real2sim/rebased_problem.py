@@ -1,4 +1,6 @@
-"""A problem whose simulator starts with the effects of a profile: only what is still missing is searched for."""
+"""A problem whose simulator starts with the effects of a profile:
+only what is still missing is searched for.
+"""
 
 from dataclasses import fields, replace
 
@@ -88,7 +90,8 @@ def _moved(candidate: Candidate, offset: Floats) -> Candidate:
 
 
 def _offset(problem: Problem, candidate: Candidate, profile: Profile) -> Floats:
-    """Unknowns at which the candidate is as the profile says, for each block; 0 where the profile lacks the effect.
+    """Unknowns at which the candidate is as the profile says, for each block;
+    0 where the profile lacks the effect.
 
     NaN where no unknowns within their bounds make such an effect.
     """
@@ -117,7 +120,9 @@ def _offset(problem: Problem, candidate: Candidate, profile: Profile) -> Floats:
 
 
 def _of_body(effect: Effect) -> list[tuple[str, float]]:
-    """Parameters of an effect on body or ground, which are all of the same thing, with their null values."""
+    """Parameters of an effect on body or ground,
+    which are all of the same thing, with their null values.
+    """
     declared = [(f.name, f.metadata) for f in fields(effect)]
     return [(name, m["null"]) for name, m in declared if effect.site == "model" and "null" in m]
 

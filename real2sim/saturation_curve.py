@@ -72,7 +72,9 @@ def with_curves(problem: Problem, findings: Findings) -> Findings:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Pieces:
-    """Which slopes are sought: of each place with a saturation up to the largest command of the log."""
+    """Which slopes are sought: of each place with a saturation up
+    to the largest command of the log.
+    """
 
     corners: Floats
     """[Nm], shape (places, pieces)."""
@@ -103,7 +105,9 @@ class _Pieces:
         )
 
     def everywhere(self, slopes: Floats) -> Floats:
-        """Slopes, shape (sets, sought), for all blocks and places: shape (sets, blocks, places, pieces)."""
+        """Slopes, shape (sets, sought), for all blocks and places:
+        shape (sets, blocks, places, pieces).
+        """
         full = np.zeros((len(slopes), len(self.blocks[0]), *self.corners.shape))
         for i, (place, piece) in enumerate(self.of):
             full[:, self.blocks[place], place, piece] = slopes[:, i, None]
@@ -122,7 +126,8 @@ class _Pieces:
 def _fitted(
     problem: JointProblem, unknowns: Floats, pieces: _Pieces, weight: Floats
 ) -> tuple[Floats, Floats]:
-    """Gauss-Newton on slopes and on the nuisances, which had to make up for the law that was fitted before.
+    """Gauss-Newton on slopes and on the nuisances,
+    which had to make up for the law that was fitted before.
 
     Returns:
         Slopes, shape (sought,), and the residuals that they leave, shape (blocks, m), of which

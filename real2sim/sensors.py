@@ -1,4 +1,5 @@
-"""Kinds of sensors: which problems a run log poses, how much of a log they need, and which effects it cannot show.
+"""Kinds of sensors: which problems a run log poses,
+how much of a log they need, and which effects it cannot show.
 
 A fit always finds something. What is named must hold on a part of the log that no fit has seen.
 That part, and the parts between which fits are compared, need some seconds each.
@@ -76,7 +77,8 @@ class Sensor:
     """Findings with what the log tells of them beyond the unknowns of their problem."""
 
     def too_short(self, logs: Sequence[RunLog]) -> str:
-        """The data that logs together have too little of for anything to be named and tested, and how much it takes.
+        """The data that logs together have too little of for anything to be named and tested,
+        and how much it takes.
 
         Empty where they have enough.
         """

@@ -129,7 +129,9 @@ def merge(findings: Sequence[Findings], log_faults: Sequence[str] = ()) -> Verdi
 
 
 def _pool(findings: Sequence[Findings]) -> Gap | None:
-    """The gap of the sensors that show one, or of all sensors if none does, weighted by their numbers of residuals."""
+    """The gap of the sensors that show one, or of all sensors if none does,
+    weighted by their numbers of residuals.
+    """
     counted = [each for each in findings if each.verdict != "no_gap"] or list(findings)
     rows = sum(gap.residuals for each in counted for gap in each.gaps)
     if rows == 0:
@@ -159,7 +161,9 @@ def effect_to_dict(effect: FoundEffect) -> dict[str, object]:
 
 
 def effect_from_dict(data: dict[str, Any]) -> FoundEffect:
-    """The effect that `effect_to_dict` was called on; `ConfigError` says what is wrong with an entry."""
+    """The effect that `effect_to_dict` was called on;
+    `ConfigError` says what is wrong with an entry.
+    """
     params = dict(data.get("params", {}))
     curve = params.pop("curve", {}).get("value", [])
     return from_table(FoundEffect, {**data, "params": params, "curve": curve})
@@ -218,7 +222,9 @@ def deviation(name: str, parameter: str, value: float) -> float:
 
 
 def largest(name: str, rivals: Sequence[FoundEffect]) -> float:
-    """Largest distance of the first parameter of an effect from null over all its places; NaN if unknown."""
+    """Largest distance of the first parameter of an effect from null over all its places;
+    NaN if unknown.
+    """
     sizes = [
         deviation(name, p, found.value)
         for r in rivals
@@ -229,7 +235,9 @@ def largest(name: str, rivals: Sequence[FoundEffect]) -> float:
 
 
 def _rules_out(other: Findings, name: str, of: Findings) -> bool:
-    """True where a finding would have shown an effect of the size that another finding needs, and did not."""
+    """True where a finding would have shown an effect of the size that another finding needs,
+    and did not.
+    """
     if (
         other.verdict not in ("no_gap", "named")
         or other.problem == of.problem

@@ -21,7 +21,9 @@ LONGEST_COVER_S = 60.0  # a run of the demo takes 20
 
 
 class Cover:
-    """A cover that an operator lays over the lens: "blind", for the run's seconds that its detail names."""
+    """A cover that an operator lays over the lens: "blind",
+    for the run's seconds that its detail names.
+    """
 
     def __init__(self, bus: Bus) -> None:
         self._events = bus.latest("event", OPERATOR)

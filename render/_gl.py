@@ -1,4 +1,5 @@
-"""Makes pyrender render on OSMesa, or on EGL where OSMesa is gone, with what its own requirements install.
+"""Makes pyrender render on OSMesa, or on EGL where OSMesa is gone,
+with what its own requirements install.
 
 pyrender 0.1.45 demands PyOpenGL 3.1.0, which lacks the OSMesa calls that pyrender makes. And every
 PyOpenGL wraps the current context in a new pointer object at each question, although it keeps

@@ -86,7 +86,9 @@ class Bracket:
 
     @property
     def end(self) -> float:
-        """Front end of the base plate [mm]: that of the trunk, but behind the plane of the camera's back."""
+        """Front end of the base plate [mm]: that of the trunk,
+        but behind the plane of the camera's back.
+        """
         behind = self.back[0] + (self.top - self.back[2]) * np.tan(self.robot.camera_pitch)
         return min(self.front, float(behind))
 

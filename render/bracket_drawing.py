@@ -1,4 +1,6 @@
-"""A drawing of a bracket with its dimensions: from the side, its back plate from behind, its base plate from above."""
+"""A drawing of a bracket with its dimensions: from the side,
+its back plate from behind, its base plate from above.
+"""
 
 from collections.abc import Sequence
 

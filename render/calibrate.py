@@ -1,4 +1,5 @@
-"""Where a camera really sits on a robot, from a recording in which the robot stands on level, free ground.
+"""Where a camera really sits on a robot, from a recording in
+which the robot stands on level, free ground.
 
 The IMU says how the trunk is turned and the legs say how high it is; so the ground is known in the
 base frame, and the camera's pitch, roll and height are those with which its points lie on it. The
@@ -252,7 +253,8 @@ class _View:
         return np.einsum("ij,ij->i", self.up, self.in_base(place)) + self.base_height
 
     def expected(self, place: CameraPlace) -> tuple[Floats, Floats]:
-        """Depth at which each ray meets the ground, infinite where it does not, and the noise of heights there [m].
+        """Depth at which each ray meets the ground, infinite where it does not,
+        and the noise of heights there [m].
 
         By these, not by what was measured, points are chosen and weighed: else noise would choose.
         """

@@ -1,4 +1,6 @@
-"""The ground ahead of a robot that stands, as its camera's claimed place has it and as the found one does."""
+"""The ground ahead of a robot that stands, as its camera's claimed place has it
+and as the found one does.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -45,7 +45,9 @@ class RobotCamera:
         return cls(robot=robot, intrinsics=intrinsics, mount=Mount.of(robot), legs=legs)
 
     def moved(self, view: ViewChain) -> "RobotCamera":
-        """The camera as it really is, for this one that is claimed, by effects on its place and how wide it looks."""
+        """The camera as it really is, for this one that is claimed,
+        by effects on its place and how wide it looks.
+        """
         position, pitch = np.asarray(self.mount.position), np.asarray(self.mount.pitch)
         true = view.apply(CameraView(position=position, pitch=pitch, tangent_scale=np.asarray(1.0)))
         wider, claimed = float(true.tangent_scale), self.intrinsics
@@ -78,7 +80,8 @@ def camera_pose(mount: Mount, base_position: Array, base_quaternion: Array) -> t
 
 
 def ray_directions(intrinsics: Intrinsics) -> NDArray[np.float64]:
-    """Direction of each pixel in the camera frame, scaled to depth 1, so that a ray's parameter is depth.
+    """Direction of each pixel in the camera frame, scaled to depth 1,
+    so that a ray's parameter is depth.
 
     Shape (height, width, 3).
     """

@@ -1,4 +1,6 @@
-"""A page about a camera: what it sees from the robot, what the network gets of it, and both from the side."""
+"""A page about a camera: what it sees from the robot,
+what the network gets of it, and both from the side.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -18,7 +18,9 @@ PIXELS_PER_PASS = 1 << 14
 
 
 def capsules_in_camera(capsules: Capsules, origin: Floats, rotation: Floats) -> Capsules:
-    """Moves capsules into a frame with the given origin and rotation (to the frame in which they are given)."""
+    """Moves capsules into a frame with the given origin
+    and rotation (to the frame in which they are given).
+    """
     move = (
         (capsules.start - origin[..., None, :]) @ rotation,
         (capsules.end - origin[..., None, :]) @ rotation,
@@ -74,7 +76,9 @@ class Quadrics:
 
     @classmethod
     def of(cls, start: Floats, end: Floats, radius: Floats | float) -> "Quadrics":
-        """Quadrics of capsules with axes from start to end [m], shape (..., 3), and a radius [m], shape (...)."""
+        """Quadrics of capsules with axes from start to end [m],
+        shape (..., 3), and a radius [m], shape (...).
+        """
         first, last = np.moveaxis(start, -1, 0), np.moveaxis(end, -1, 0)
         axis = last - first
         length_squared, offset, distance_squared = (
@@ -100,7 +104,8 @@ class Quadrics:
         )
 
     def depth(self, x: Floats, y: Floats) -> Floats:
-        """The least depth at which a ray is within the radius of an end or of the line between them; else infinite.
+        """The least depth at which a ray is within the radius of an end
+        or of the line between them; else infinite.
 
         Args:
             x: tangent of the ray to the right, shape (...).
@@ -172,7 +177,9 @@ def windows(
 
 
 def _in_front(capsules: Capsules) -> tuple[Floats, Floats]:
-    """Both ends of the part of each axis from which the capsule reaches in front of the image plane."""
+    """Both ends of the part of each axis from
+    which the capsule reaches in front of the image plane.
+    """
     start, end = capsules.start, capsules.end
     behind = -capsules.radius
     run = end[..., 2] - start[..., 2]
@@ -187,7 +194,9 @@ def _in_front(capsules: Capsules) -> tuple[Floats, Floats]:
 def _pixels(
     rows: NDArray[np.int64], columns: NDArray[np.int64], width: int
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """All pixels of windows, about `PIXELS_PER_PASS` at a time: place of the window, and place in a flat image."""
+    """All pixels of windows, about `PIXELS_PER_PASS` at a time:
+    place of the window, and place in a flat image.
+    """
     if not len(rows):
         return
     wide = columns[:, 1] - columns[:, 0]

@@ -87,7 +87,9 @@ class EmbreeRenderer(Renderer):
         ].numpy()
 
     def _buffer(self, count: int) -> NDArray[np.float32]:
-        """Room for the rays of `count` images, kept from call to call of a thread: fresh pages are slow."""
+        """Room for the rays of `count` images, kept from call to call of a thread:
+        fresh pages are slow.
+        """
         rays: NDArray[np.float32] | None = getattr(self._kept, "rays", None)
         if rays is None or len(rays) < count:
             rays = self._kept.rays = np.empty(
@@ -96,7 +98,9 @@ class EmbreeRenderer(Renderer):
         return rays[:count]
 
     def _turn(self, rotation: NDArray[np.float32], out: NDArray[np.float32]) -> None:
-        """Directions of pixels in the world: what the column gives and what the row gives, one sum for each number."""
+        """Directions of pixels in the world:
+        what the column gives and what the row gives, one sum for each number.
+        """
         for axis in range(3):
             across = rotation[:, axis, :1] * self._across
             down = rotation[:, axis, 1:2] * self._down + rotation[:, axis, 2:]

@@ -1,4 +1,6 @@
-"""Exposures of a depth camera: of true depth here, of a stereo camera in `saltus.render.stereo_exposure`."""
+"""Exposures of a depth camera: of true depth here,
+of a stereo camera in `saltus.render.stereo_exposure`.
+"""
 
 from typing import Protocol
 
@@ -14,12 +16,16 @@ class Exposure(Protocol):
     intrinsics: Intrinsics
 
     def expose(self, truth: GroundTruth) -> Reals:
-        """Depth along the optical axis [m], shape (height, width); 0 is invalid, infinite is "nothing within range"."""
+        """Depth along the optical axis [m], shape (height, width); 0 is invalid, infinite is
+        "nothing within range".
+        """
         ...
 
 
 class PerfectExposure:
-    """True depth; `claimed` are the intrinsics that the camera reports, where they are not those of the renderer."""
+    """True depth; `claimed` are the intrinsics that the camera reports,
+    where they are not those of the renderer.
+    """
 
     def __init__(self, renderer: Renderer, claimed: Intrinsics | None = None) -> None:
         self.intrinsics = claimed or renderer.intrinsics

@@ -1,4 +1,6 @@
-"""Parameters of the stereo camera from a recording of a scene at rest, each with its error or the reason for none."""
+"""Parameters of the stereo camera from a recording of a scene at rest,
+each with its error or the reason for none.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -134,7 +136,8 @@ class FitResult:
 
 
 def load_frames(path: Path) -> list[DepthFrame]:
-    """Depth frames of a recording: of a RealSense camera (.bag, .db3), or of a run of Saltus (.mcap).
+    """Depth frames of a recording: of a RealSense camera (.bag, .db3),
+    or of a run of Saltus (.mcap).
 
     Raises:
         RecordingError: neither, or not readable.

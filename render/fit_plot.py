@@ -1,4 +1,6 @@
-"""Measured against model: what a recording shows of a stereo camera, and what the fitted model says of it."""
+"""Measured against model: what a recording shows of a stereo camera,
+and what the fitted model says of it.
+"""
 
 import math
 from pathlib import Path

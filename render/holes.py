@@ -1,4 +1,5 @@
-"""Holes in depth images take depths from around them, in the scan order of librealsense, as whole-array operations.
+"""Holes in depth images take depths from around them,
+in the scan order of librealsense, as whole-array operations.
 
 Each rule exists once for lists of holes, which are few, and once for whole images. To make a list
 is to ask how many there are, for which a GPU would have to come to a stop; there, the number and
@@ -57,7 +58,8 @@ def _from_around_by_list(depth: Images) -> Images:
 
 
 def _jumps(place: Array, step: int) -> list[Array]:
-    """For each entry of a sorted list of places the entry that is `step`, 2 `step`, 4 `step`, ... places before it.
+    """For each entry of a sorted list of places the entry that is `step`,
+    2 `step`, 4 `step`, ... places before it.
 
     Only where all between are entries, too. An entry more, at the end, stands for none; each array
     has it as well.
@@ -146,7 +148,8 @@ def _running(values: Array, axis: int, pick: Callable[[Array, Array], Array]) ->
 
 
 def filled_along_rows(depth: Images, reach: int, passes: int = 1) -> Images:
-    """Holes take what is to the left of them, then what is to the right, up to `reach` pixels away, `passes` times.
+    """Holes take what is to the left of them, then what is to the right,
+    up to `reach` pixels away, `passes` times.
 
     The last column stays as it is. Depth is 0 where invalid, any unit, shape (..., height, width);
     `depth` itself is returned where nothing can change.

@@ -49,7 +49,8 @@ def _unit() -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class HoleFilling(SingleImageEffect[DepthImage], name="hole_filling"):
-    """An invalid pixel takes the nearest depth among its neighbours above, to the left and below left.
+    """An invalid pixel takes the nearest depth among its neighbours above,
+    to the left and below left.
 
     Pixels are visited row by row, so filled ones fill others. The pixel above must be valid, or
     filled: holes that begin in the top row stay. The first column, the top and the bottom row are
@@ -68,7 +69,8 @@ class HoleFilling(SingleImageEffect[DepthImage], name="hole_filling"):
 
 @dataclass(frozen=True, kw_only=True)
 class SpatialFilter(SingleImageEffect[DepthImage], name="spatial_filter"):
-    """Edge-preserving exponential smoothing, forth and back along rows, then along columns, `magnitude` times.
+    """Edge-preserving exponential smoothing, forth and back along rows,
+    then along columns, `magnitude` times.
 
     Along rows a pixel is blended with the one before it where they differ by at most `delta` units,
     along columns where they differ by less. On the way along rows, holes take the value before

@@ -1,5 +1,8 @@
-"""Images of a camera along a terrain, effect by effect, as one HTML file that opens without a network."""
+"""Images of a camera along a terrain, effect by effect,
+as one HTML file that opens without a network.
+"""
 
+import inspect
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -63,7 +66,9 @@ _NO_HEIGHTS = HeightGrid(x=(0.0,))
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """Colours of depth, the same on a whole page: the nearest is bright, by the logarithm, in even steps to the eye."""
+    """Colours of depth, the same on a whole page:
+    the nearest is bright, by the logarithm, in even steps to the eye.
+    """
 
     near: float
     far: float
@@ -138,7 +143,8 @@ def views(robot: Robot) -> tuple[View, ...]:
 
 
 def write_preview(robot: Robot, terrain: Terrain, camera: DepthCamera, path: Path) -> Path:
-    """Writes an HTML file: the course from the side, depth from a few poses, the camera's effects, what the model gets.
+    """Writes an HTML file: the course from the side, depth from a few poses,
+    the camera's effects, what the model gets.
 
     Args:
         robot: with its camera where this one sits.
@@ -219,7 +225,8 @@ def effect_stages(
     for count in range(1, len(names) + 1):
         stage = settled(config.only(names[:count]), optics, depth, hidden)
         effect = next(effect for effect in config.effects if effect.name == names[count - 1])
-        meaning = (type(effect).__doc__ or "").strip().splitlines()[0].replace("`", "")
+        said = inspect.getdoc(type(effect)) or ""
+        meaning = said.partition("\n\n")[0].replace("\n", " ").replace("`", "")
         yield names[count - 1].replace("_", " "), meaning, stage
 
 

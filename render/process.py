@@ -21,7 +21,9 @@ def random_stream(seed: int) -> np.random.Generator:
 
 
 class CameraProcess:
-    """Exposes at the rate of its camera and hands out each frame when it is due, by the effects of the link."""
+    """Exposes at the rate of its camera and hands out each frame when it is due,
+    by the effects of the link.
+    """
 
     def __init__(
         self,
@@ -45,7 +47,8 @@ class CameraProcess:
         """Exposures that were left out because truth came late or not at all."""
 
     def step(self, truth: GroundTruth | None, now_ns: int) -> DepthFrame | None:
-        """Takes in truth, None or repeated where nothing is new, and returns the frame that has become due, if any.
+        """Takes in truth, None or repeated where nothing is new,
+        and returns the frame that has become due, if any.
 
         `now_ns` is in the run's clock.
         """

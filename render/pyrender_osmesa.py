@@ -1,4 +1,6 @@
-"""Back end on pyrender and OSMesa (or EGL): a rasteriser, which shares nothing with the rays: each checks the other."""
+"""Back end on pyrender and OSMesa (or EGL): a rasteriser,
+which shares nothing with the rays: each checks the other.
+"""
 
 from functools import cache
 from typing import Any, ClassVar
@@ -90,7 +92,9 @@ class PyrenderRenderer(Renderer):
 
 @cache
 def _context(width: int, height: int) -> Any:
-    """A context of OpenGL for images of a size: it takes a tenth of a second to make one and to free it."""
+    """A context of OpenGL for images of a size:
+    it takes a tenth of a second to make one and to free it.
+    """
     return load_pyrender().OffscreenRenderer(width, height)
 
 

@@ -25,7 +25,9 @@ def drawn_cameras(count: int, rng: np.random.Generator, usual: StereoConfig) -> 
 
 
 def of_strength(strength: Floats, usual: StereoConfig) -> StereoConfig:
-    """The errors of cameras, each as many times those of a usual one as its strength says, shape (count,)."""
+    """The errors of cameras, each as many times those of a usual one as its strength says,
+    shape (count,).
+    """
 
     def share(fraction: object) -> Floats:
         return np.minimum(np.asarray(fraction) * strength, 1.0)

@@ -1,4 +1,6 @@
-"""Renderers, which every back end has: poses of the robot to depth images, of one imager or of a pair."""
+"""Renderers, which every back end has: poses of the robot to depth images,
+of one imager or of a pair.
+"""
 
 from abc import ABC, abstractmethod
 from typing import ClassVar
@@ -57,7 +59,8 @@ class Renderer(ABC):
 
 
 class StereoRenderer(Renderer):
-    """Both views of a stereo camera: depth from the left imager, and what the right one does not see of it.
+    """Both views of a stereo camera: depth from the left imager,
+    and what the right one does not see of it.
 
     The camera is the left imager; the right one is `optics.baseline_m` to its right.
     """

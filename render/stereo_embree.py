@@ -1,4 +1,6 @@
-"""Both views of a stereo camera by rays: depth from the left imager, and a ray from the right one to every point."""
+"""Both views of a stereo camera by rays: depth from the left imager,
+and a ray from the right one to every point.
+"""
 
 from dataclasses import replace
 
@@ -64,7 +66,9 @@ class StereoEmbree(EmbreeRenderer, StereoRenderer):
         origin: Floats,
         rotation: Floats,
     ) -> None:
-        """Marks in place the points, shape (n, height, width), with terrain between them and the right imager."""
+        """Marks in place the points, shape (n, height, width),
+        with terrain between them and the right imager.
+        """
         baseline_m = self.optics.baseline_m
         point = doubtful(self.terrain, self.intrinsics, origin, rotation, baseline_m, depth)
         if not point.size:
@@ -90,7 +94,8 @@ class StereoEmbree(EmbreeRenderer, StereoRenderer):
     def _legs_hide(
         self, hidden: NDArray[np.bool_], depth: NDArray[np.float32], legs: Capsules
     ) -> None:
-        """Marks in place the points, shape (n, height, width), that legs hide from the right imager, their frame.
+        """Marks in place the points, shape (n, height, width),
+        that legs hide from the right imager, their frame.
 
         Only points whose image in the right imager lies in the window of a leg are tested.
         """
@@ -122,7 +127,8 @@ class StereoEmbree(EmbreeRenderer, StereoRenderer):
 
 
 def right_camera(camera: Intrinsics, optics: Optics, nearest_m: float) -> Intrinsics:
-    """A camera at the right imager that sees all that `camera`, at the left one, sees from `nearest_m` on.
+    """A camera at the right imager that sees all that `camera`,
+    at the left one, sees from `nearest_m` on.
 
     It is wider to the left by the largest disparity; what lies outside it counts as visible.
     """

@@ -54,7 +54,9 @@ class StereoPyrender(PyrenderRenderer, StereoRenderer):
 
 
 def right_imager(camera: RobotCamera, optics: Optics) -> RobotCamera:
-    """The right one of a pair as a camera of its own: it sees all that `camera`, the left one, sees from 8 cm on."""
+    """The right one of a pair as a camera of its own:
+    it sees all that `camera`, the left one, sees from 8 cm on.
+    """
     left, mount = camera.intrinsics, camera.mount
     fx = left.fx * optics.pitch_x
     extra = math.ceil(optics.baseline_m * fx / NEAREST_M)
@@ -75,7 +77,8 @@ def hidden_by_image(
     right: Intrinsics,
     baseline_m: float,
 ) -> NDArray[np.bool_]:
-    """Which points of left images are not in the images from the right, because something nearer is in their place.
+    """Which points of left images are not in the images from the right,
+    because something nearer is in their place.
 
     Args:
         depth: of the points, along the optical axis [m], infinite where nothing is hit, shape (n,

@@ -1,4 +1,6 @@
-"""Back end on Warp: ray casts on a GPU, for thousands of robots at once, with no copy to or from torch."""
+"""Back end on Warp: ray casts on a GPU, for thousands of robots at once,
+with no copy to or from torch.
+"""
 
 from contextlib import AbstractContextManager
 from dataclasses import replace
@@ -80,7 +82,8 @@ class WarpCaster:
     def cast(
         self, base_position: Array, base_quaternion: Array, joint_position: Array
     ) -> warp.array:
-        """Depth along the optical axis [m], infinite where nothing is hit, float32, shape (n, height, width).
+        """Depth along the optical axis [m], infinite where nothing is hit,
+        float32, shape (n, height, width).
 
         Args:
             base_position: [m], world frame, numpy or torch, shape (n, 3).
@@ -101,7 +104,9 @@ class WarpCaster:
         *,
         baseline_m: float,
     ) -> tuple[warp.array, warp.array]:
-        """Depth as from `cast`, and whether an imager `baseline_m` to the right does not see the point."""
+        """Depth as from `cast`, and whether an imager `baseline_m`
+        to the right does not see the point.
+        """
         with self._stream_of(base_position):
             scene = self._scene(base_position, base_quaternion, joint_position)
             depth = self._cast(scene)

@@ -168,7 +168,9 @@ def hide_kernel(
     along: float,
     hidden: wp.array3d[wp.bool],
 ):
-    """True where something lies on the way from the right imager to the point that the left one sees."""
+    """True where something lies on the way from the right imager
+    to the point that the left one sees.
+    """
     frame, row, column = wp.tid()
     to_right = wp.vec3f(baseline, 0.0, 0.0)
     direction = pixel_direction(row, column, scene.fx, scene.fy, scene.cx, scene.cy)

@@ -1,4 +1,5 @@
-"""Functions that `import saltus` offers beside what other modules define: one call for a task, arrays for messages.
+"""Functions that `import saltus` offers beside what other modules define:
+one call for a task, arrays for messages.
 
 Each function only puts together what the commands are made of; docs/python.md shows all of them.
 Heavy libraries load when a function is called, not before.
@@ -122,7 +123,8 @@ def robot_states(
 
 
 def make_predictor(robot: "Robot", model: str | Path | None = None) -> "HeightmapService":
-    """The heightmap service of one robot, to be called state by state: `step(state, frame, now_ns)`.
+    """The heightmap service of one robot, to be called state by state:
+    `step(state, frame, now_ns)`.
 
     Args:
         robot: That the model was made for.
@@ -235,7 +237,8 @@ def find_effects(
     report: bool = True,
     progress: "Progress | None" = None,
 ) -> "Judgement":
-    """Finds which effects the simulator lacks to explain logs of one robot: what `saltus real2sim find` does.
+    """Finds which effects the simulator lacks to explain logs of one robot:
+    what `saltus real2sim find` does.
 
     Args:
         runs: Folders of run logs, or folders or recordings of runs of Saltus, whose logs are

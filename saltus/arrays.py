@@ -1,4 +1,6 @@
-"""One law for numpy or floats (deployed) and torch (training): namespace and constants come from its input."""
+"""One law for numpy or floats (deployed) and torch (training):
+namespace and constants come from its input.
+"""
 
 import itertools
 import math
@@ -159,7 +161,9 @@ class Constant:
 
 
 class ColumnNames:
-    """Names for columns of an array, e.g. of one that holds uniform random numbers: each has a shape, () or (k,)."""
+    """Names for columns of an array, e.g. of one that holds uniform random numbers:
+    each has a shape, () or (k,).
+    """
 
     def __init__(self, **shapes: tuple[int, ...]) -> None:
         ends = list(itertools.accumulate(math.prod(shape) for shape in shapes.values()))

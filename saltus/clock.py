@@ -31,7 +31,9 @@ class RunClock:
         return self._now_ns if self.lockstep else self.elapsed_ns()
 
     def elapsed_ns(self) -> int:
-        """Time since the start, at the speed of the run, also in lockstep: for watching over processes [ns]."""
+        """Time since the start, at the speed of the run, also in lockstep:
+        for watching over processes [ns].
+        """
         return self.of_monotonic(time.monotonic_ns())
 
     def elapsed_s(self) -> float:

@@ -135,7 +135,8 @@ class RunConfig:
 
     @property
     def link_speed(self) -> float:
-        """By this the 0.5 s after which a silent link is given up are divided (`saltus.wire.joining`, its `speed`).
+        """By this the 0.5 s after which a silent link is given up are
+        divided (`saltus.wire.joining`, its `speed`).
 
         In real time the clock's own; in lockstep, where nobody is late however slow,
         `LOCKSTEP_LINK_SPEED`.
@@ -143,7 +144,8 @@ class RunConfig:
         return self.speed if self.pace == "realtime" else LOCKSTEP_LINK_SPEED
 
     def check(self) -> None:
-        """To be called before a run begins, not where one is read: older recordings may hold what was ignored then.
+        """To be called before a run begins, not where one is read:
+        older recordings may hold what was ignored then.
 
         Raises:
             ConfigError: it has no end, or a prefix or speed that no run can have.
@@ -182,12 +184,15 @@ class Value:
 
     @property
     def fingerprint(self) -> str:
-        """Changes with every number of the value: first 16 hexadecimal digits of the sha256 of its TOML."""
+        """Changes with every number of the value:
+        first 16 hexadecimal digits of the sha256 of its TOML.
+        """
         return hashlib.sha256(self.to_toml().encode()).hexdigest()[:16]
 
 
 def check_between(config: object, **ranges: tuple[float, float]) -> None:
-    """Raises `ConfigError` for the first field with a number outside of its range (ends included), or with none.
+    """Raises `ConfigError` for the first field with a number outside of its range (ends included),
+    or with none.
 
     A field that is None is left to whoever fills it in.
     """

@@ -32,7 +32,9 @@ def type_of(type_name: str) -> Any:
 
 @cache
 def raw_type_of(type_name: str) -> Any:
-    """The same, of samples that are bytes: what is sent is not made, and what comes not read, field by field."""
+    """The same, of samples that are bytes: what is sent is not made,
+    and what comes not read, field by field.
+    """
     kind = type_of(type_name)
 
     def deserialize(data: bytes, **_: Any) -> Any:

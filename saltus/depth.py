@@ -138,7 +138,9 @@ def depth_frame(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Pooling:
-    """Along one axis: which source pixels are needed, and how much of each model pixel each of them covers."""
+    """Along one axis: which source pixels are needed,
+    and how much of each model pixel each of them covers.
+    """
 
     needed: slice
     """Pixels of the source that are needed."""
@@ -165,7 +167,8 @@ class _Pooling:
         return taken.reshape((*values.shape[:axis], *self.place.shape, *values.shape[axis + 1 :]))
 
     def total(self, covering: Array, axis: int) -> Array:
-        """Weighted sums of what `covering` returned, in its memory, 0 for model pixels that nothing covers.
+        """Weighted sums of what `covering` returned, in its memory,
+        0 for model pixels that nothing covers.
 
         Not as products with matrices: for these BLAS may wake and await threads.
 

@@ -1,4 +1,5 @@
-"""A depth camera as one value: where it sits, what its images are, when they come, and which errors they have.
+"""A depth camera as one value: where it sits, what its images are,
+when they come, and which errors they have.
 
 `ideal` and `d435i` are two of them; one's own is a TOML file (examples/camera.toml) that names what
 differs from d435i.
@@ -172,7 +173,8 @@ class DepthCamera(Value):
         return namespace(depth).where((depth >= near) & (depth <= far), depth, 0.0)
 
     def masked(self, depth: Array) -> Array:
-        """Depth in the view of the model's camera [m], 0 where this camera does not look or measure.
+        """Depth in the view of the model's camera [m],
+        0 where this camera does not look or measure.
 
         Shape (..., 48 k, 16 m), with k and m samples for each pixel of the model, in and out.
         """
@@ -186,7 +188,9 @@ class DepthCamera(Value):
 
     @cached_property
     def _covered(self) -> Constant | None:
-        """1 where an image of this camera gives a pixel of the model's, else 0, shape (48, 16); None: everywhere."""
+        """1 where an image of this camera gives a pixel of the model's,
+        else 0, shape (48, 16); None: everywhere.
+        """
         full = np.ones((self.image.height, self.image.width), np.uint16)
         seen = model_image(full, self.image)[1]
         return None if seen.all() else Constant(seen)

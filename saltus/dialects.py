@@ -1,4 +1,6 @@
-"""Dialects in which policies were trained to read a height scan: order, sign, offset, clip and scale of its points."""
+"""Dialects in which policies were trained to read a height scan:
+order, sign, offset, clip and scale of its points.
+"""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +14,8 @@ from saltus.grid import HeightGrid
 
 @dataclass(frozen=True, kw_only=True)
 class Dialect(Value):
-    """One policy's way to read heights: (how far the ground is below the base - offset), clipped, then scaled.
+    """One policy's way to read heights: (how far the ground is below the base - offset),
+    clipped, then scaled.
 
     Raises:
         ConfigError: a number that is none, or a negative clip.

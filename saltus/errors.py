@@ -47,7 +47,9 @@ class StackError(SaltusError):
 
 
 def nearest_hint(name: str, choices: Iterable[str]) -> str:
-    """Says which of `choices` is closest to `name`, or the closest two, for use at the end of an error message."""
+    """Says which of `choices` is closest to `name`, or the closest two,
+    for use at the end of an error message.
+    """
     known = sorted(choices)
     close = difflib.get_close_matches(name, known, n=2)
     if close:

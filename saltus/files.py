@@ -1,4 +1,6 @@
-"""Files and folders that are written whole or not at all: whoever reads them finds all of them or nothing."""
+"""Files and folders that are written whole or not at all:
+whoever reads them finds all of them or nothing.
+"""
 
 import os
 import shutil
@@ -64,7 +66,8 @@ records them."""
 
 
 def check_archive(path: Path, *, checksums: bool = False) -> None:
-    """Refuses an archive before it is unpacked; `checksums` of all that is in it too, for readers that leave them out.
+    """Refuses an archive before it is unpacked;
+    `checksums` of all that is in it too, for readers that leave them out.
 
     Raises:
         OSError: it cannot be read.

@@ -1,4 +1,6 @@
-"""The folder of a run: a new one unless told otherwise, asked for room before the work, never that of two trainings."""
+"""The folder of a run: a new one unless told otherwise,
+asked for room before the work, never that of two trainings.
+"""
 
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -47,7 +49,9 @@ def differences(
 
 
 def ask_for_room(folder: Path) -> None:
-    """Makes a folder and finds out before the work whether results can be written into it, else `SaltusError`."""
+    """Makes a folder and finds out before the work whether results can be written into it,
+    else `SaltusError`.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

@@ -1,4 +1,5 @@
-"""Where feet in swing are to stand next: Raibert's heuristic, as the leg controller follows it and viewers draw it.
+"""Where feet in swing are to stand next: Raibert's heuristic,
+as the leg controller follows it and viewers draw it.
 
 Source: paper ("Gait Generation and Swing Leg Control"); numbers: original.
 """
@@ -33,7 +34,8 @@ class Footholds:
         stance_duration: Array,
         base_height: Array,
     ) -> tuple[Array, Array]:
-        """Where a swing is at half time, under the hip, and how far it lands from there; (..., 4, 3) each [m].
+        """Where a swing is at half time, under the hip,
+        and how far it lands from there; (..., 4, 3) each [m].
 
         Both on the ground, relative to the base, in the yaw frame.
 
@@ -56,7 +58,8 @@ class Footholds:
         return middle, step
 
     def planned(self, state: RobotState, plan: MotionPlan, heightmap: Heightmap | None) -> Floats:
-        """Where the feet of one robot that swing end, with the plan's residual; NaN for those that stand.
+        """Where the feet of one robot that swing end, with the plan's residual;
+        NaN for those that stand.
 
         Relative to the base, yaw frame [m], shape (4, 3); on the predicted heights where there are
         any.

@@ -1,4 +1,5 @@
-"""Signals wait for work that they would tear apart: Python runs their handlers between any two steps of a program.
+"""Signals wait for work that they would tear apart:
+Python runs their handlers between any two steps of a program.
 
 A message of which a recording has the first half makes the rest of that part of the file
 unreadable.

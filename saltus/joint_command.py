@@ -10,7 +10,9 @@ from saltus.arrays import Joints
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointCommand:
-    """The command of a drive: torque= kp (q_des - q) + kd (dq_des - dq) + tau_ff, evaluated by the drive."""
+    """The command of a drive: torque= kp (q_des - q) + kd (dq_des - dq) + tau_ff,
+    evaluated by the drive.
+    """
 
     position: Joints
     """[rad], shape (..., 12)."""

@@ -1,4 +1,6 @@
-"""A trained network as one ONNX file: read, named by its hash, run on one thread, refused in one line."""
+"""A trained network as one ONNX file: read, named by its hash,
+run on one thread, refused in one line.
+"""
 
 import hashlib
 import json
@@ -172,7 +174,9 @@ def _options() -> onnxruntime.SessionOptions:
 
 
 def _refuse_external(path: Path, data: bytes) -> None:
-    """Names the second file of a model that has one, which the runtime would refuse without naming it."""
+    """Names the second file of a model that has one,
+    which the runtime would refuse without naming it.
+    """
     names = {data[found.end() : found.end() + found[1][0]] for found in _ELSEWHERE.finditer(data)}
     files = [name.decode(errors="replace") for name in sorted(names)]
     if files:

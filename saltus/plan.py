@@ -1,4 +1,6 @@
-"""The plan of the next ten milliseconds, for any number of robots; `MotionPlan` carries one on the bus."""
+"""The plan of the next ten milliseconds, for any number of robots;
+`MotionPlan` carries one on the bus.
+"""
 
 from dataclasses import dataclass
 
@@ -29,7 +31,8 @@ class Plan:
 def swing_lift(
     swing: Scalars, over: Scalars, down: Scalars, lift_until: Scalars, lower_from: Scalars
 ) -> Scalars:
-    """Vertical residual of a foot at a share of its swing: soon at `over`, then down to `down` [m], all of shape (...).
+    """Vertical residual of a foot at a share of its swing:
+    soon at `over`, then down to `down` [m], all of shape (...).
 
     Args:
         swing: Progress, [0, 1].

@@ -6,7 +6,9 @@ from saltus.errors import SaltusError
 
 
 def resource(name: str) -> Path:
-    """Path of a shipped file, e.g. `resource("models/heightmap.onnx")`; `SaltusError` where it is not installed."""
+    """Path of a shipped file, e.g. `resource("models/heightmap.onnx")`; `SaltusError`
+    where it is not installed.
+    """
     package = Path(__file__).resolve().parent
     for root in (package / "data", package.parent):
         if (root / name).exists():

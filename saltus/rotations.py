@@ -79,7 +79,9 @@ def quaternion_from_roll_pitch_yaw(roll: Scalars, pitch: Scalars, yaw: Scalars) 
 
 
 def quaternion_from_vector(vector: Vectors) -> Quaternions:
-    """Quaternion (w, x, y, z) of a rotation vector [rad], for numpy alone; shapes (..., 4) of (..., 3)."""
+    """Quaternion (w, x, y, z) of a rotation vector [rad],
+    for numpy alone; shapes (..., 4) of (..., 3).
+    """
     angle = np.linalg.norm(vector, axis=-1, keepdims=True)
     return np.concatenate(
         [np.cos(0.5 * angle), 0.5 * np.sinc(0.5 * angle / np.pi) * vector], axis=-1

@@ -1,4 +1,6 @@
-"""Everything that a run is of, as one value: the command line names it, and everybody below is handed it."""
+"""Everything that a run is of, as one value:
+the command line names it, and everybody below is handed it.
+"""
 
 from dataclasses import dataclass, fields
 from typing import Any, Self, cast

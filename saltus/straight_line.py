@@ -116,7 +116,9 @@ class _Reader:
 
 
 class _Result:
-    """Writes down what a law returns: entries in two arrays, and the expression that makes arrays of them again."""
+    """Writes down what a law returns: entries in two arrays,
+    and the expression that makes arrays of them again.
+    """
 
     def __init__(self, paths: dict[tuple[object, ...], str]) -> None:
         self.floats: list[Entry] = []
@@ -248,7 +250,9 @@ class _Writer:
         return _TEXTS[operation].format(*map(self.text, arguments))
 
     def _name(self, symbol: Symbol) -> None:
-        """Names what is read more than once, what must not be read lazily, and what would be too deep."""
+        """Names what is read more than once, what must not be read lazily,
+        and what would be too deep.
+        """
         arguments = [a for a in symbol.arguments if isinstance(a, Symbol)]
         depth = 1 + max((self._depths[a] for a in arguments if a not in self._names), default=0)
         several = self._uses[symbol] > 1 or symbol in self._twice or symbol.operation == "call"

@@ -1,4 +1,5 @@
-"""Arrays whose entries are not numbers but notes of how they come about: what laws on the array API make of them.
+"""Arrays whose entries are not numbers but notes of how they come about:
+what laws on the array API make of them.
 
 Constants are folded, and what is asked twice is one symbol. `saltus.straight_line` writes symbols
 down as Python.
@@ -166,7 +167,9 @@ _NEGATIVE, _NOT, _WHERE = (
 
 
 class Symbols(NDArrayOperatorsMixin):
-    """An array of symbols and constants: as much of the array API as laws use, whose names its methods have."""
+    """An array of symbols and constants: as much of the array API as laws use,
+    whose names its methods have.
+    """
 
     # ruff: noqa: D102 - see the standard
     dtype, device = "symbols", "cpu"

@@ -94,7 +94,9 @@ class Trial(Value):
         return replace(profile, actuator=drives, camera=camera)
 
     def height_shift(self, profile: Profile) -> Floats:
-        """How far ahead, and how much too high, this robot is handed out true heights [m], shape (2,)."""
+        """How far ahead, and how much too high,
+        this robot is handed out true heights [m], shape (2,).
+        """
         shift = shift_of(profile.heightmap).moved(x=self.height_shift_x, z=self.height_shift_z)
         return shift.init((), np.random.default_rng((self.seed, _SHIFT)))
 
@@ -218,7 +220,9 @@ def judge(
 def _crossing(
     before: tuple[float, float], after: tuple[float, float], x: float
 ) -> tuple[float, float]:
-    """Time and place at which a straight line between two samples (time, x) passes `x`; `after` if it began there."""
+    """Time and place at which a straight line between two samples (time, x) passes `x`;
+    `after` if it began there.
+    """
     if before[1] >= x or after[1] == before[1]:
         return after
     share = (x - before[1]) / (after[1] - before[1])

@@ -75,7 +75,9 @@ def prefer_process(process: str) -> None:
 
 
 def prefer_loop(process: str) -> None:
-    """The same for the calling thread of a process whose loop comes before the threads of its libraries."""
+    """The same for the calling thread of a process whose loop
+    comes before the threads of its libraries.
+    """
     if process in FIRST:
         with contextlib.suppress(PermissionError):
             os.setpriority(os.PRIO_PROCESS, 0, FIRST[process])
@@ -83,7 +85,8 @@ def prefer_loop(process: str) -> None:
 
 @contextlib.contextmanager
 def preferred() -> Iterator[None]:
-    """The same for the calling thread and those that it starts, while the block lasts: for the supervisor.
+    """The same for the calling thread and those that it starts,
+    while the block lasts: for the supervisor.
 
     It dates what it records, and shares a session with whatever else was started from the same
     shell.
@@ -101,7 +104,9 @@ def preferred() -> Iterator[None]:
 
 
 def stand_back() -> None:
-    """Lets programs of ordinary priority go before this process, which looks on or tries something out beside them."""
+    """Lets programs of ordinary priority go before this process,
+    which looks on or tries something out beside them.
+    """
     os.nice(NICENESS)
 
 
@@ -177,6 +182,8 @@ def keep_thread() -> None:
 
 
 def freeze() -> None:
-    """Spares the collector what was loaded so far and lives on: it need not look at it in the middle of a tick."""
+    """Spares the collector what was loaded so far and lives on:
+    it need not look at it in the middle of a tick.
+    """
     gc.collect()
     gc.freeze()

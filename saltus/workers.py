@@ -87,7 +87,9 @@ def in_order(
 
 
 def check_processes(processes: int | None) -> None:
-    """To be called before the work; `ConfigError` for not even one, or more than any computer has use for."""
+    """To be called before the work; `ConfigError` for not even one,
+    or more than any computer has use for.
+    """
     if processes is not None and not 1 <= processes <= MOST_PROCESSES:
         raise ConfigError(f"processes = {processes}: it must be from 1 to {MOST_PROCESSES}")
 
@@ -118,6 +120,8 @@ def _begin(lifeline: Connection, mouth: Connection) -> None:
 
 
 def _end_with(lifeline: Connection) -> None:
-    """Waits for the end of the pipe, whose other end only the parent holds, and ends this process in mid-work."""
+    """Waits for the end of the pipe, whose other end only the parent holds,
+    and ends this process in mid-work.
+    """
     lifeline.poll(None)
     os._exit(1)

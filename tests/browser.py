@@ -1,4 +1,6 @@
-"""A browser without a window, led by Chrome's DevTools protocol: what a page says and draws, and clicks on it."""
+"""A browser without a window, led by Chrome's DevTools protocol:
+what a page says and draws, and clicks on it.
+"""
 
 import base64
 import contextlib

@@ -1,4 +1,6 @@
-"""Common parts of the tests of a bus over Zenoh: the run, the limit of their patience, and a message."""
+"""Common parts of the tests of a bus over Zenoh:
+the run, the limit of their patience, and a message.
+"""
 
 import time
 from collections.abc import Callable

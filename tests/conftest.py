@@ -1,4 +1,6 @@
-"""What all tests rely on: a core for each worker of a parallel run, and processes that can be interrupted."""
+"""What all tests rely on: a core for each worker of a parallel run,
+and processes that can be interrupted.
+"""
 
 import gc
 import os
@@ -35,7 +37,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """The many quick files of tests/saltus come last: no worker of a parallel run waits long for the other's last."""
+    """The many quick files of tests/saltus come last:
+    no worker of a parallel run waits long for the other's last.
+    """
     items.sort(key=lambda item: QUICK in item.path.parents)
     seed: int | None = config.getoption("--order")
     if seed is not None:
@@ -46,7 +50,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_collection_finish() -> None:
-    """What was imported stays: to look through it again and again for garbage took an eighth of the tests' time.
+    """What was imported stays: to look through it again and again
+    for garbage took an eighth of the tests' time.
 
     Of what is new most is gone without that: it is looked through less often than Python does by
     default.
@@ -58,7 +63,9 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture(scope="module")
 def short_calibration() -> Iterator[None]:
-    """A tenth of the windows: the factor is exact for those that there are, and these episodes fill no more."""
+    """A tenth of the windows: the factor is exact for those that there are,
+    and these episodes fill no more.
+    """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("saltus.heightmap.training.calibration.WINDOWS", 3)
         yield

@@ -1,4 +1,6 @@
-"""A lockstep run within one process: the bodies of all four in threads on one bus, and a recording of it."""
+"""A lockstep run within one process: the bodies of all four in threads on one bus,
+and a recording of it.
+"""
 
 import threading
 from collections.abc import Callable

@@ -1,4 +1,6 @@
-"""Reads channels as a stranger does: with the definition that each brings itself, and rosbags and mcap alone."""
+"""Reads channels as a stranger does: with the definition that each brings itself,
+and rosbags and mcap alone.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -69,7 +69,8 @@ CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, timesta
 def write_database(
     path: Path, frames: int = 2, depth_mm: int = 600, *, unit_m: float = 0.001, packed: bool = False
 ) -> Path:
-    """The same as the SDK writes it since 2026: rosbag2 in SQLite, with texts for what does not move.
+    """The same as the SDK writes it since 2026:
+    rosbag2 in SQLite, with texts for what does not move.
 
     A colour stream comes first. `packed`: each message is compressed by itself.
     """

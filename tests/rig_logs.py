@@ -91,7 +91,9 @@ def _noisy(
 
 
 def _simulate(rigs: Sequence[Rig], time_s: Floats, q_des: Floats) -> tuple[Floats, Floats, Floats]:
-    """Readings of q, rate and the torque that the drives believe, (rigs, rows, 12); half a millisecond a step."""
+    """Readings of q, rate and the torque that the drives believe,
+    (rigs, rows, 12); half a millisecond a step.
+    """
     delay_s, gain, viscous, coulomb, bias, play, kp, kd = np.array(
         [astuple(rig) for rig in rigs]
     ).T[..., None]
@@ -123,7 +125,9 @@ def _simulate(rigs: Sequence[Rig], time_s: Floats, q_des: Floats) -> tuple[Float
 
 
 def body_log(*, seconds: float = 8.0, seed: int = 0) -> RunLog:
-    """A log of a body that heaves and rocks, with IMU, motion capture and a depth camera over a floor."""
+    """A log of a body that heaves and rocks, with IMU,
+    motion capture and a depth camera over a floor.
+    """
     rng = np.random.default_rng(seed)
     log = joints_log(seconds=1.0)
     time_s = np.arange(0.0, seconds, DT)

@@ -65,7 +65,9 @@ class RosBag:
 
 
 def write_bag(log: RunLog, path: Path, kind: str = "mcap", *, has_commands: bool = True) -> Path:
-    """Joints in the order of the alphabet and with names that end in _joint, as robots of ROS have them."""
+    """Joints in the order of the alphabet and with names that end in _joint,
+    as robots of ROS have them.
+    """
     with RosBag(path, kind) as bag:
         put_joints(bag, log, has_commands)
         put_turns(bag, log)

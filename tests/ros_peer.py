@@ -1,4 +1,5 @@
-"""A program of ROS 2's world that knows nothing of Saltus: zenoh-ros2-sdk, with definitions passed in.
+"""A program of ROS 2's world that knows nothing of Saltus:
+zenoh-ros2-sdk, with definitions passed in.
 
 python ros_peer.py PORT read TOPIC TYPE ...          # prints one line of JSON for each message
 python ros_peer.py PORT robot                        # publishes a robot that stands on level ground

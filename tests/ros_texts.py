@@ -1,4 +1,6 @@
-"""Definitions of ROS 2 messages as their packages have them (Jazzy), comments left out: not those that Saltus uses."""
+"""Definitions of ROS 2 messages as their packages have them (Jazzy),
+comments left out: not those that Saltus uses.
+"""
 
 TEXTS = {
     "builtin_interfaces/msg/Time": "int32 sec\nuint32 nanosec\n",

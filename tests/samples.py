@@ -123,7 +123,9 @@ def put_run(folder: Path, config: RunConfig) -> Path:
 
 
 def level_truth(step: int, x: float, z: float, time_ns: int | None = None) -> GroundTruth:
-    """A robot in its stand pose that is level at (x, 0, z) [m] at a policy step of 10 ms; no feet, no heights."""
+    """A robot in its stand pose that is level at (x, 0, z) [m] at a policy step of 10 ms;
+    no feet, no heights.
+    """
     return GroundTruth(
         time_ns=step * 10_000_000 if time_ns is None else time_ns,
         step=step,

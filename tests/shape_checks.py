@@ -1,4 +1,5 @@
-"""Checks the shapes that annotations state, at each call of the kernel's laws: `pytest -p shape_checks`.
+"""Checks the shapes that annotations state, at each call of the kernel's laws:
+`pytest -p shape_checks`.
 
 jaxtyping gives the shapes; a call is checked by it where an argument or a result is an array of a
 stated shape.

@@ -1,4 +1,6 @@
-"""Runs the kernel's laws on numpy and torch, for one robot and for many, each call with its shapes checked."""
+"""Runs the kernel's laws on numpy and torch, for one robot and for many,
+each call with its shapes checked.
+"""
 
 import shape_checks  # noqa: F401 - before what it checks
 

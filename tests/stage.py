@@ -13,7 +13,9 @@ from saltus.runtime.process import ProcessContext
 
 
 class Stage:
-    """Starts the body of a process when it is entered and ends it when it is left; `others` is the others' bus."""
+    """Starts the body of a process when it is entered and ends it when it is left;
+    `others` is the others' bus.
+    """
 
     def __init__(
         self, name: str, body: Callable[[ProcessContext], None], config: RunConfig, folder: Path

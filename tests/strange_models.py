@@ -30,7 +30,9 @@ class Strange(NamedTuple):
 
 
 def strange_models(kind: str, folder: Path) -> Iterator[Strange]:
-    """Files made of the shipped `heightmap` or `policy`, one after the other, each in a folder of its own."""
+    """Files made of the shipped `heightmap` or `policy`,
+    one after the other, each in a folder of its own.
+    """
     for (name, refusal), change in CHANGES.items():
         place = folder / kind / name.replace(" ", "_")
         place.mkdir(parents=True)

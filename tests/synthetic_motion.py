@@ -1,4 +1,6 @@
-"""Motion that costs nothing to make, for tests of what is done with motion: robots glide over the ground."""
+"""Motion that costs nothing to make, for tests of what is done with motion:
+robots glide over the ground.
+"""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -26,7 +28,9 @@ TERRAINS: tuple[str, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")
 def gliding_robots(
     rng: np.random.Generator, count: int, *, ticks: int = 150, terrains: tuple[str, ...] = TERRAINS
 ) -> Iterator[Trajectory]:
-    """Yields trajectories of one robot each: stiff legs, a base that bobs and nods above the ground."""
+    """Yields trajectories of one robot each: stiff legs,
+    a base that bobs and nods above the ground.
+    """
     for _ in range(count):
         yield _trajectory(rng, ticks, terrains[rng.integers(len(terrains))])
 

@@ -1,4 +1,6 @@
-"""A robot carried up stairs in simulation: what its camera sees, what it tells of itself, and the true ground."""
+"""A robot carried up stairs in simulation: what its camera sees,
+what it tells of itself, and the true ground.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -40,7 +42,8 @@ class Tick:
 
 
 def carried(setup: Setup, grid: HeightGrid, steps: int) -> Iterator[Tick]:
-    """Ticks of a robot that is carried along the course, its trunk as high above the ground as it stands.
+    """Ticks of a robot that is carried along the course,
+    its trunk as high above the ground as it stands.
 
     Its feet hang straight below the hips; those that touch the ground within 1 cm are told to
     stand.
@@ -104,7 +107,9 @@ def _pose(setup: Setup, step: int) -> tuple[np.ndarray, np.ndarray]:
 def _joints(
     robot: Robot, legs: LegKinematics, setup: Setup, *pose: Any
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Angles of legs whose feet are on the ground below the hips, where they reach it, and which do."""
+    """Angles of legs whose feet are on the ground below the hips,
+    where they reach it, and which do.
+    """
     position, quaternion = pose
     sine, cosine = 2.0 * quaternion[0] * quaternion[2], 1.0 - 2.0 * quaternion[2] ** 2
     turn = np.array([[cosine, 0.0, sine], [0.0, 1.0, 0.0], [-sine, 0.0, cosine]])

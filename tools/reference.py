@@ -1,4 +1,5 @@
-"""Writes the reference pages, which are made from the code: docs/reference/effects.md and messages.md.
+"""Writes the reference pages, which are made from the code:
+docs/reference/effects.md and messages.md.
 
 python tools/reference.py        # a test fails where a page is not what this writes
 """
@@ -85,7 +86,9 @@ def effects_page() -> str:
 
 
 def null_profile() -> str:
-    """A profile in TOML with every effect of plain numbers, each at the value at which it changes nothing."""
+    """A profile in TOML with every effect of plain numbers,
+    each at the value at which it changes nothing.
+    """
     table: dict[str, dict[str, Any]] = {part: {} for part in PART_TITLES}
     for kind in EFFECTS.values():
         values = {
@@ -118,7 +121,9 @@ def _parameter(f: "Field[Any]") -> str:
 
 
 def _read_by_the_network() -> list[str]:
-    """Fields of a state that make the network's proprioception, in the order in which it reads them."""
+    """Fields of a state that make the network's proprioception,
+    in the order in which it reads them.
+    """
     law = ast.parse(inspect.getsource(features.proprioception_of_states))
     read = [each for each in ast.walk(law) if isinstance(each, ast.Attribute)]
     names = {each.attr: each.lineno for each in read if ast.unparse(each.value) == "states"}

@@ -1,4 +1,5 @@
-"""Measures what each experiment of the menu shows of each effect, on the reference robot, and writes the table.
+"""Measures what each experiment of the menu shows of each effect,
+on the reference robot, and writes the table.
 
     python tools/separations.py [experiment ...]
 

@@ -1,4 +1,5 @@
-"""Writes service.txt: what an installation needs that only serves heights, and of that what the packages need in turn.
+"""Writes service.txt: what an installation needs that only serves heights,
+and of that what the packages need in turn.
 
 python tools/service.py          # a test fails where the file is not what this writes
 
@@ -35,7 +36,8 @@ HEAD = """\
 
 
 def service_requirements() -> list[str]:
-    """The lines of the file: names with the bounds that Saltus sets, or the package that needs them.
+    """The lines of the file: names with the bounds that Saltus sets,
+    or the package that needs them.
 
     Who wants one version of another package is named by its own version, too: they come as a pair.
     """

@@ -1,4 +1,5 @@
-"""A hook of MkDocs: puts into the site what lies outside of docs/, under the links that work on GitHub too.
+"""A hook of MkDocs: puts into the site what lies outside of docs/,
+under the links that work on GitHub too.
 
 Pages keep their relative links. README.md becomes the first page; other Markdown keeps its path; a
 file of code that a page links to becomes a page that shows it; a notebook becomes a page of its
@@ -120,7 +121,9 @@ def _notebook(path: Path) -> Iterator[tuple[str, str | bytes]]:
 
 
 def _api() -> str:
-    """The page on what `import saltus` offers: functions first, then the types that they take and return."""
+    """The page on what `import saltus` offers: functions first,
+    then the types that they take and return.
+    """
     names = sorted(saltus.__all__, key=lambda name: (not name[0].islower(), name.lower()))
     places = [
         f"::: {home}.{name}" for name in names for home, own in saltus._HOMES.items() if name in own

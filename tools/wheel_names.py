@@ -1,4 +1,6 @@
-"""Checks that wheels hold every module once, under one top-level name: wheel_names.py CHECKOUT WHEEL ..."""
+"""Checks that wheels hold every module once, under one top-level name:
+wheel_names.py CHECKOUT WHEEL ...
+"""
 
 import sys
 import zipfile

@@ -1,1 +1,3 @@
-"""The benchmark of depth to heights: a fixed split, what predictors are given of it, and how they are scored."""
+"""The benchmark of depth to heights: a fixed split,
+what predictors are given of it, and how they are scored.
+"""

@@ -1,4 +1,5 @@
-"""Scores of heights that somebody predicts from depth images, on a fixed split of runs (docs/benchmark.md).
+"""Scores of heights that somebody predicts from depth images,
+on a fixed split of runs (docs/benchmark.md).
 
 saltus bench depth_to_heights -- make
 saltus bench depth_to_heights -- score mine.parquet
@@ -50,7 +51,9 @@ class _Part:
 
 @dataclass(frozen=True, kw_only=True)
 class Make(_Part):
-    """Makes the split: what predictors are given (inputs.parquet), and what they are judged by (truth.parquet)."""
+    """Makes the split: what predictors are given (inputs.parquet),
+    and what they are judged by (truth.parquet).
+    """
 
     out: Path = SPLIT
     """Folder to make."""
@@ -70,7 +73,8 @@ class Make(_Part):
 
 @dataclass(frozen=True, kw_only=True)
 class Score(_Part):
-    """Scores predictors on the split: files of predictions, models, and the baselines that Saltus brings.
+    """Scores predictors on the split: files of predictions,
+    models, and the baselines that Saltus brings.
 
     A file of predictions is Parquet with one row for each row of inputs.parquet: episode_index,
     frame_index, height and half_width_90 (half of the 90 % interval), lists of 30 numbers in
@@ -84,8 +88,9 @@ class Score(_Part):
     baselines: Annotated[
         tuple[str, ...] | None, shown("NAME ...", "all, where nothing else is to be scored")
     ] = None
-    """flat: ground as high as the feet. newest: the newest image deprojected. geometric: those of 2 s, by the robot's
-    odometry. geometric-feet: the same, moved to the standing feet. network: the shipped model."""
+    """flat: ground as high as the feet. newest: the newest image deprojected. geometric: those of
+    2 s, by the robot's odometry. geometric-feet: the same, moved to the standing feet. network: the
+    shipped model."""
     heightmap_model: Annotated[Path | None, shown("PATH", "none")] = None
     """ONNX file of a network that Saltus trained."""
 

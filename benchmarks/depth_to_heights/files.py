@@ -1,4 +1,6 @@
-"""A split on disk, and the file of predictions that is scored on it: plain Parquet, one row each 10 ms of a run."""
+"""A split on disk, and the file of predictions that is scored on it:
+plain Parquet, one row each 10 ms of a run.
+"""
 
 import hashlib
 import json
@@ -105,7 +107,9 @@ def write_split(
 
 
 def refuse_folder(folder: Path) -> None:
-    """Before the work: `BenchmarkError` for a folder that is there, `SaltusError` for one that cannot be made."""
+    """Before the work: `BenchmarkError` for a folder that is there,
+    `SaltusError` for one that cannot be made.
+    """
     if folder.exists():
         raise BenchmarkError(f"{folder}: there is a file or folder of this name already")
     ask_for_room(folder.parent)

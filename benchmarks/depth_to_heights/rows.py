@@ -32,8 +32,8 @@ class ScoreRow:
     predictor: str
     figures: dict[str, float]
     interval90: dict[str, tuple[float, float]]
-    """Ends of the 90 % interval of each figure, over choices of as many runs of each terrain; NaN where in one of them
-    nothing is judged."""
+    """Ends of the 90 % interval of each figure, over choices of as many runs of each terrain;
+    NaN where in one of them nothing is judged."""
     by_terrain: dict[str, dict[str, float]]
 
     @property
@@ -71,7 +71,9 @@ def _judged(truth: Truth, said: Prediction) -> Floats:
 
 
 def _resampled(judged: Floats, groups: Sequence[Any]) -> Floats:
-    """Figures of choices of the runs, with as many of each terrain as there are, shape (choices, figures)."""
+    """Figures of choices of the runs, with as many of each terrain as there are,
+    shape (choices, figures).
+    """
     rng = np.random.default_rng(_SEED)
     chosen = np.concatenate([rng.choice(runs, (RESAMPLES, len(runs))) for runs in groups], axis=1)
     return mean_of(judged[chosen].sum(axis=1))

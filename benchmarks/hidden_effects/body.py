@@ -154,7 +154,9 @@ class BodyScene(Scene):
         known_payload_kg: float,
         release_m: float,
     ) -> None:
-        """Has the same robot do something else, with a payload that is claimed, or let fall onto its feet."""
+        """Has the same robot do something else,
+        with a payload that is claimed, or let fall onto its feet.
+        """
         self.position, self.velocity = position, np.gradient(position, CONTROL_DT, axis=0)
         self.segments = segments
         self.known_payload_kg, self.release_m = known_payload_kg, release_m

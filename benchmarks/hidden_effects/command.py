@@ -1,4 +1,5 @@
-"""Does real2sim find, name and measure effects that are hidden in run logs? Generate, identify, follow up, score.
+"""Does real2sim find, name and measure effects that are hidden in run logs? Generate,
+identify, follow up, score.
 
 Each part goes on where it was stopped. It shares no code with what it measures.
 

@@ -15,7 +15,9 @@ OTHER = ("several", "set", "unexplained", "no_gap", "bad_log", "error")
 
 
 def matrix(cases: list[Case]) -> tuple[list[str], list[str], np.ndarray]:
-    """Names of rows (what is true), of columns (what was said), and how often; shape (rows, columns)."""
+    """Names of rows (what is true), of columns (what was said),
+    and how often; shape (rows, columns).
+    """
     effects = [name for names in LIBRARY.values() for name in names]
     rows = [*effects, "none", "outside", "damaged"]
     columns = [*effects, *OTHER]

@@ -19,7 +19,8 @@ IMU does not move a joint then."""
 
 
 def followup(cases: list[Case], logs: Path) -> int:
-    """Writes a second log for each set that holds the truth and comes with an experiment, where none is there yet.
+    """Writes a second log for each set that holds the truth and comes with an experiment,
+    where none is there yet.
 
     Returns:
         How many of the robots could do what was proposed.

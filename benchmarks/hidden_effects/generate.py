@@ -109,7 +109,9 @@ def _hide(
 
 
 def _draw(run: Run, stage: Stage, effect: str, rng: np.random.Generator) -> Setting:
-    """Draws an effect until it can be seen, and, where it is outside the library, until the library cannot have it."""
+    """Draws an effect until it can be seen, and, where it is outside the library,
+    until the library cannot have it.
+    """
     for _ in range(DRAWS):
         setting = stage.scene.draw(effect, stage.where(effect, rng), rng)
         if run.sizes:
@@ -132,7 +134,9 @@ def _draw(run: Run, stage: Stage, effect: str, rng: np.random.Generator) -> Sett
 
 
 def _part_of_proportional(scene: Scene, setting: Setting, sigma: float, multiple: float) -> float:
-    """Residual in parts of that which grows with the size: large where it makes a position loop swing."""
+    """Residual in parts of that which grows with the size:
+    large where it makes a position loop swing.
+    """
     base, one, several = scene.respond(
         [(), (setting.sized(sigma),), (setting.sized(sigma * multiple),)]
     )
@@ -164,7 +168,9 @@ def _unexplained(scene: Scene, setting: Setting, seed: int) -> float:
 def _rivals(
     run: Run, scene: Scene, settings: tuple[Setting, ...], where: tuple[str, ...]
 ) -> dict[str, Any]:
-    """One-sigma sizes of the whole library in this log, and for each hidden effect the |cos| with every other."""
+    """One-sigma sizes of the whole library in this log,
+    and for each hidden effect the |cos| with every other.
+    """
     library = _library(scene, where, run.seed)
     at_one = [s.sized(s.size / max(m, 1.0)) for s, m in zip(settings, run.multiples, strict=True)]
     marks = sizes.signatures(scene, [*at_one, *library])

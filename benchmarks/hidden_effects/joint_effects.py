@@ -1,4 +1,6 @@
-"""Effects of drives: from a size and a shape to a table for the kernel, and to the schema's parameters."""
+"""Effects of drives: from a size and a shape to a table for the kernel,
+and to the schema's parameters.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -176,7 +178,9 @@ def largest(setting: Setting, peak: Peak) -> float:
 
 
 def no_load(size: float) -> float:
-    """No-load speed in parts of the fastest motion: the residual grows with about the third power of the cut."""
+    """No-load speed in parts of the fastest motion:
+    the residual grows with about the third power of the cut.
+    """
     return 1.1 * (1.0 - size**0.4)
 
 

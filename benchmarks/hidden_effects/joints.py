@@ -127,7 +127,9 @@ class JointScene(Scene):
         return joint_effects.hidden(settings, self.peak, self.rig.control_dt)
 
     def _unclaimed(self) -> Floats:
-        """From the slowest drive to the fastest, and a clock that is off: of position and velocity alike, (2, m)."""
+        """From the slowest drive to the fastest, and a clock that is off:
+        of position and velocity alike, (2, m).
+        """
         rigs = [replace(self.rig, tick_steps=steps) for steps in (FASTEST_TICK, SLOWEST_TICK)]
         fast, slow, own = (
             self._shown(simulate(rig, [Hidden()], self.legs, self.seed))[0]

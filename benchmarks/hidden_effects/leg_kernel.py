@@ -1,4 +1,5 @@
-"""One leg held at its base, with its three drives, as a compiled kernel: a thread is a leg of one variant.
+"""One leg held at its base, with its three drives, as a compiled kernel:
+a thread is a leg of one variant.
 
 Two rates: mass matrix and bias forces are renewed every 0.5 ms at the midpoint of the coming
 stretch; drives, friction and the play of the gears move at 0.125 ms. Newton and Euler link by link;
@@ -147,7 +148,9 @@ def simulate(
     steps_per_tick: int,
     out: wp.array(dtype=float, ndim=4),
 ):
-    """Writes position, velocity and believed torque of a leg at every row, shape (variants, rows, 12, 3)."""
+    """Writes position, velocity and believed torque of a leg at every row,
+    shape (variants, rows, 12, 3).
+    """
     variant, number = wp.tid()
     number = leg_numbers[number]
     leg = legs[number]

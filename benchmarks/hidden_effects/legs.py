@@ -103,7 +103,9 @@ def simulate(
 
 
 def mean_delay(rig: Rig, hidden: Hidden, seed: int = 0) -> tuple[Floats, Floats]:
-    """Mean time [s] from the sending of a packet to its first use by a drive, for commands and feed-forward; (12,)."""
+    """Mean time [s] from the sending of a packet to its first use by a drive,
+    for commands and feed-forward; (12,).
+    """
     rows, steps = len(rig.command), round(rig.control_dt / STEP_S)
     sent = np.arange(rows) * steps
     late = [

@@ -1,4 +1,6 @@
-"""Motions that the joints are told: segments of a few seconds that begin and end at rest in the standing pose."""
+"""Motions that the joints are told: segments of a few seconds
+that begin and end at rest in the standing pose.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -150,7 +152,9 @@ QUIET: dict[str, Motion] = {"sine": sine, "wander": wander}
 def commands(
     rng: np.random.Generator, *, control_dt: float, length_s: float, tuning: bool, quiet: bool
 ) -> tuple[Floats, tuple[Segment, ...]]:
-    """Desired position, desired velocity and feed-forward torque, shape (rows, 12, 3), and the segments of a log."""
+    """Desired position, desired velocity and feed-forward torque,
+    shape (rows, 12, 3), and the segments of a log.
+    """
     chosen = _choose(rng, tuning, quiet)
     repeats = 4 if quiet else 2
     plan = [
@@ -172,7 +176,9 @@ def commands(
 
 
 def _choose(rng: np.random.Generator, tuning: bool, quiet: bool) -> list[str]:
-    """Names of the conditions of a log: with large steps and pushes always, as most effects need one of them."""
+    """Names of the conditions of a log: with large steps and pushes always,
+    as most effects need one of them.
+    """
     if quiet:
         return list(QUIET)
     always, others = (

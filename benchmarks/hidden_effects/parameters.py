@@ -79,7 +79,9 @@ a time."""
 
 
 def _true(said: Any, effect: dict[str, Any], main: tuple[str, ...]) -> np.ndarray:
-    """The parameters that count, the median over those joints a value was stated for, shape (parameters,)."""
+    """The parameters that count, the median over those joints a value was stated for,
+    shape (parameters,).
+    """
     each = effect.get("params_at") or {}
     stated = [params for joint, params in each.items() if said == "all" or joint in said] or [
         effect["params"]

@@ -1,4 +1,6 @@
-"""The robot that the logs claim, as a table of its own (unitree_ros, rotor masses lumped into the links)."""
+"""The robot that the logs claim, as a table of its own
+(unitree_ros, rotor masses lumped into the links).
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -66,7 +68,9 @@ CALF_LINK = Link(
 
 
 def rotation(quaternion: tuple[float, float, float, float] | Floats) -> Floats:
-    """Rotation matrix of a quaternion w, x, y, z, shape (3, 3); arrays of shape (..., 4) give (..., 3, 3)."""
+    """Rotation matrix of a quaternion w, x, y, z, shape (3, 3);
+    arrays of shape (..., 4) give (..., 3, 3).
+    """
     w, x, y, z = np.moveaxis(
         np.asarray(quaternion, dtype=float) / np.linalg.norm(quaternion, axis=-1)[..., None], -1, 0
     )
@@ -79,7 +83,9 @@ def rotation(quaternion: tuple[float, float, float, float] | Floats) -> Floats:
 
 
 def leg_links(leg: int) -> tuple[Floats, Floats, Floats]:
-    """Masses (3,), centres (3, 3) and inertia tensors about the centres (3, 3, 3) of a leg, in its links' frames."""
+    """Masses (3,), centres (3, 3) and inertia tensors about the centres (3, 3, 3) of a leg,
+    in its links' frames.
+    """
     masses, centres, inertias = [], [], []
     for number, link in enumerate((HIP, THIGH_LINK, CALF_LINK)):
         axes = rotation(link.quaternion)

@@ -1,4 +1,6 @@
-"""Parts that every kind of run has: effects of a certain size at a certain place, and a scene that shows them."""
+"""Parts that every kind of run has: effects of a certain size at a certain place,
+and a scene that shows them.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping

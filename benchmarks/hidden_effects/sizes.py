@@ -17,7 +17,8 @@ FAINT = 0.02
 def one_sigma(
     scene: Scene, settings: list[Setting], close: float = CLOSE, rounds: int = ROUNDS
 ) -> list[float]:
-    """Sizes at which the residual has an RMS of one sigma in the segment and signal that show it best.
+    """Sizes at which the residual has an RMS of one sigma
+    in the segment and signal that show it best.
 
     All settings are searched at once: by the chord where a bracket is missing, then by the secant
     in logarithms.
@@ -93,7 +94,9 @@ def visible(scene: Scene, residual: Floats) -> Floats:
 
 
 def best_rms(scene: Scene, residual: Floats, where: tuple[str, ...]) -> float:
-    """RMS of a residual in the segment and signal in which it is largest, over the places that have the effect."""
+    """RMS of a residual in the segment and signal in which it is largest,
+    over the places that have the effect.
+    """
     there = np.isin(scene.places, where)
     count = np.bincount(scene.group[there])
     power = np.bincount(
@@ -117,7 +120,9 @@ def signatures(scene: Scene, settings: list[Setting]) -> Floats:
 
 
 def nearest(own: Floats, rivals: Floats, beside: Floats | None = None) -> Floats:
-    """|cos| between a signature and each rival's, with the span of `beside`, shape (k, m), projected out."""
+    """|cos| between a signature and each rival's,
+    with the span of `beside`, shape (k, m), projected out.
+    """
     if beside is not None and len(beside):
         basis, _ = np.linalg.qr(beside.T)
         own = own - basis @ (basis.T @ own)

@@ -1,4 +1,6 @@
-"""Scenes of the camera, and how its carrier moves: boxes, motions of the trunk, and the rays between them."""
+"""Scenes of the camera, and how its carrier moves:
+boxes, motions of the trunk, and the rays between them.
+"""
 
 from dataclasses import dataclass
 
@@ -65,7 +67,9 @@ class Optics:
     rate: float
 
     def tangents(self, scale: float = 1.0, distortion: float = 0.0) -> Floats:
-        """Tangents of the viewing angles of all pixels to the right and down, shape (height, width, 2)."""
+        """Tangents of the viewing angles of all pixels to the right and down,
+        shape (height, width, 2).
+        """
         u = (np.arange(self.width) + 0.5 - 0.5 * self.width) / self.focal
         v = (np.arange(self.height) + 0.5 - 0.5 * self.height) / self.focal
         both = np.stack(np.meshgrid(u, v), axis=-1)
@@ -127,7 +131,9 @@ def path(rng: np.random.Generator, *, length_s: float, tuning: bool, static: boo
 
 
 def path_of(time_s: Floats, offsets: Floats, segments: tuple[Segment, ...]) -> Path:
-    """Path of a trunk that is moved by `offsets` of x, z and pitch, shape (3, n), from where it stands."""
+    """Path of a trunk that is moved by `offsets` of x,
+    z and pitch, shape (3, n), from where it stands.
+    """
     return Path(
         time_s=time_s,
         x=offsets[0],

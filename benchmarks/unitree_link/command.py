@@ -1,4 +1,5 @@
-"""Round trips of a Go2's low level against a peer in C, or logs of a simulated one with hidden effects.
+"""Round trips of a Go2's low level against a peer in C,
+or logs of a simulated one with hidden effects.
 
 Round trips: of our backend, and of a program in C, each with the same peer in C.
 
@@ -83,7 +84,9 @@ class Benchmark(Command):
     """Number of turns of each of the two."""
 
     def measure(self) -> dict[str, Any]:
-        """Round trips [ms], p50, p99 and the longest, and the ratio of the two p99; or names of effects."""
+        """Round trips [ms], p50, p99 and the longest,
+        and the ratio of the two p99; or names of effects.
+        """
         return self._found() if self.measures == "logs" else self._round_trips()
 
     def _found(self) -> dict[str, Any]:

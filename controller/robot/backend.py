@@ -43,7 +43,9 @@ class RobotBackend(ABC):
 
 
 class CourseRobot(RobotBackend):
-    """A robot of a run: it is simulated, here or elsewhere, so that camera and judge know the truth."""
+    """A robot of a run: it is simulated, here or elsewhere,
+    so that camera and judge know the truth.
+    """
 
     @property
     def fault(self) -> str:

@@ -1,4 +1,6 @@
-"""Training data with the predictor in the loop: what a robot sees that steps where the predictor made it step."""
+"""Training data with the predictor in the loop:
+what a robot sees that steps where the predictor made it step.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
@@ -105,7 +107,8 @@ def _moments(
 
 
 class MixedPlanner:
-    """Drives a share `learned` of the robots by the learned policy, the others by rules, each in its own way.
+    """Drives a share `learned` of the robots by the learned policy,
+    the others by rules, each in its own way.
 
     `variation` is that of the rules' numbers, see `saltus.heightmap.data.planner_randomisation`.
     """

@@ -52,7 +52,8 @@ class DeliveryModel:
     def drawn(
         self, latency: CameraLatency, batch: tuple[int, ...], rng: np.random.Generator
     ) -> CameraChain:
-        """Draws what happens in an episode, but for pauses, to the images of cameras whose latency is known.
+        """Draws what happens in an episode, but for pauses,
+        to the images of cameras whose latency is known.
 
         It may have a value for each camera of the batch.
         """

@@ -71,7 +71,9 @@ class DeviceCameras:
         self.replace(rng)
 
     def replace(self, rng: np.random.Generator) -> None:
-        """Gives every robot another camera: place on the trunk, and how large the errors of its images are."""
+        """Gives every robot another camera: place on the trunk,
+        and how large the errors of its images are.
+        """
         count, mount = self._count, random_mount(self._robot, rng, self._count)
         claimed = RobotCamera(robot=self._robot, intrinsics=MODEL_CAMERA, mount=mount)
         for view in self._views.values():

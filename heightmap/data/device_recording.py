@@ -1,4 +1,6 @@
-"""Proprioception, images and true heights of many robots: kept on a device, then cut into episodes on the host."""
+"""Proprioception, images and true heights of many robots:
+kept on a device, then cut into episodes on the host.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -44,7 +46,9 @@ class RecordedBatch:
     """Its normalised plans on true heights, shape (n, ticks, 10); the same."""
 
     def episodes(self, camera: str) -> Iterator[Episode]:
-        """All runs from a start to the next that are long enough, with the images of one of the cameras."""
+        """All runs from a start to the next that are long enough,
+        with the images of one of the cameras.
+        """
         taken = self.frame_tick
         for robot, starts in enumerate(self.starts):
             for run in runs(starts):
@@ -110,7 +114,9 @@ class DeviceRecording:
             self._there[camera][:, frame] = image.time_s == tick * TICK_S
 
     def add_plans(self, tick: int, state: Tensor, plan: Tensor) -> None:
-        """Adds what the policy saw of all robots besides heights, and its normalised plans on true ones."""
+        """Adds what the policy saw of all robots besides heights,
+        and its normalised plans on true ones.
+        """
         self._plans["state"][:, tick], self._plans["plan"][:, tick] = state, plan
 
     def to_host(self, terrain: Sequence[str]) -> RecordedBatch:

@@ -153,7 +153,9 @@ class DeviceRollouts:
         self._recording.add_plans(tick, shown[:, :PROPRIOCEPTION_SIZE], plan)
 
     def crowded_share(self) -> float:
-        """Share of the robots whose physics left out contacts since the last call, for want of room."""
+        """Share of the robots whose physics left out contacts since the last call,
+        for want of room.
+        """
         return self._env.crowded_share()
 
     def _rules(self) -> ScriptedPlanner:

@@ -1,4 +1,5 @@
-"""A dataset in formats that others read: Parquet with a Croissant description, and the layout of LeRobot.
+"""A dataset in formats that others read: Parquet with a Croissant description,
+and the layout of LeRobot.
 
 One row a tick of 10 ms. The depth image in a row is the newest that was taken by then: how late
 images come is drawn when a network is trained (`saltus.heightmap.data.delivery`), and no part of
@@ -57,7 +58,8 @@ class Exported:
 
 
 def export(directory: Path, out: Path, done: Callable[[int], object] = lambda _: None) -> Exported:
-    """Writes all episodes of a dataset into a new folder, whole or not at all; `done` is told of rows as they come.
+    """Writes all episodes of a dataset into a new folder, whole or not at all;
+    `done` is told of rows as they come.
 
     The folder is a LeRobot dataset (v3.0), whose tables are plain Parquet, and has a Croissant
     description.

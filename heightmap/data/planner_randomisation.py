@@ -1,4 +1,6 @@
-"""Planner randomisation: planners differ from robot to robot, so that the network does not overfit one gait."""
+"""Planner randomisation: planners differ from robot to robot,
+so that the network does not overfit one gait.
+"""
 
 from dataclasses import fields, replace
 

@@ -1,4 +1,6 @@
-"""Heights that the service of each robot of a loop would give: rendered images, late as in each trial, one network."""
+"""Heights that the service of each robot of a loop would give:
+rendered images, late as in each trial, one network.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -87,7 +89,8 @@ class LeggedNetwork(Network, Protocol):
 
 
 class PredictedHeights:
-    """Eyes, the links that carry their images, and the `Sight` of a batch, see `saltus.loop.heights.HeightSource`.
+    """Eyes, the links that carry their images, and the `Sight` of a batch,
+    see `saltus.loop.heights.HeightSource`.
 
     A robot gets the very images, at the very steps, that the camera process gives to it in
     lockstep. The network runs on all robots in one call. `errors` and `rngs` are those of
@@ -131,5 +134,7 @@ class PredictedHeights:
 
     @property
     def captured_s(self) -> Floats:
-        """Capture time of the image in use of each robot [s], shape (n,); minus infinity before the first."""
+        """Capture time of the image in use of each robot [s], shape (n,);
+        minus infinity before the first.
+        """
         return np.asarray(self._sight.captured_s)

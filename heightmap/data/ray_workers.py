@@ -1,4 +1,6 @@
-"""Hosts that share the batches of a round through Ray: those of a cluster, or the cores of this machine."""
+"""Hosts that share the batches of a round through Ray:
+those of a cluster, or the cores of this machine.
+"""
 
 import os
 import socket
@@ -50,7 +52,8 @@ def in_order_on_ray(
     cluster: str,
     processes: int | None = None,
 ) -> Generator[Result, None, None]:
-    """Yields `function` of the file and each task, in the order of the tasks, wherever it is computed.
+    """Yields `function` of the file and each task,
+    in the order of the tasks, wherever it is computed.
 
     A task whose worker is lost is given to another one, so `function`, which every host knows by
     its name, must follow from its arguments alone. The file is sent to the hosts, which share no

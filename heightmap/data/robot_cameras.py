@@ -26,7 +26,9 @@ from saltus.terrain.terrain import Terrain
 
 
 def sampled(camera: DepthCamera) -> Intrinsics:
-    """The pixels in which images of a camera are rendered here; those of stereo cameras are finer than the model's."""
+    """The pixels in which images of a camera are rendered here;
+    those of stereo cameras are finer than the model's.
+    """
     return MODEL_CAMERA if camera.ideal else SAMPLED
 
 
@@ -37,7 +39,8 @@ def robot_cameras(
     *,
     whole: bool = False,
 ) -> tuple[Eyes, LateImages]:
-    """The cameras of a batch and the links that carry their images, with the random numbers of each trial's process.
+    """The cameras of a batch and the links that carry their images,
+    with the random numbers of each trial's process.
 
     Args:
         setups: Each robot's; camera and profile are those of the first.
@@ -76,7 +79,9 @@ def robot_cameras(
 
 
 class _EmbreeBatch:
-    """See `saltus.render.eyes.BatchRenderer`: images of robots on the same terrain are rendered together."""
+    """See `saltus.render.eyes.BatchRenderer`:
+    images of robots on the same terrain are rendered together.
+    """
 
     def __init__(self, terrains: Sequence[Terrain], optics: Optics, view: RobotCamera) -> None:
         robots: dict[int, list[int]] = {}

@@ -113,7 +113,9 @@ def read_column(dataset: h5py.Dataset, pool: Executor) -> AnyArray:
 
 
 def _compressed(rows: AnyArray) -> bytes:
-    """A chunk through the filters of HDF5: first bytes of all numbers, second bytes, ..., then zlib."""
+    """A chunk through the filters of HDF5: first bytes of all numbers,
+    second bytes, ..., then zlib.
+    """
     chunk = np.zeros((CHUNK, *rows.shape[1:]), rows.dtype)
     chunk[: len(rows)] = rows
     return zlib.compress(chunk.view(np.uint8).reshape(-1, rows.itemsize).T.tobytes(), _LEVEL)

@@ -1,4 +1,6 @@
-"""The dataset on disk: one HDF5 shard a round, written whole or not at all, and a manifest with their checksums."""
+"""The dataset on disk: one HDF5 shard a round, written whole or not at all,
+and a manifest with their checksums.
+"""
 
 import hashlib
 import json
@@ -134,7 +136,8 @@ class ShardWriter:
 def open_shard(
     directory: Path, *, seed: int, config: dict[str, object], code: str | None = None
 ) -> Iterator[ShardWriter]:
-    """Adds a round to a dataset: at the end of the context the shard, whole, then the manifest that names it.
+    """Adds a round to a dataset: at the end of the context the shard,
+    whole, then the manifest that names it.
 
     `config` is what the episodes follow from besides the seed, in plain JSON values; `code` the
     commit of what makes them, where this machine cannot tell.
@@ -193,7 +196,9 @@ def uninterrupted() -> Iterator[None]:
 
 
 def motion(seed: int, config: dict[str, object]) -> str:
-    """The same for shards whose robots move alike, however many there are of them and whatever camera looked on."""
+    """The same for shards whose robots move alike,
+    however many there are of them and whatever camera looked on.
+    """
     settings = {name: value for name, value in config.items() if name not in _NOT_OF_MOTION}
     return json.dumps([seed, settings], sort_keys=True)
 
@@ -345,13 +350,17 @@ def dataset_hash(records: Iterable[ShardRecord]) -> str:
 
 
 def read_dataset(directory: Path) -> list[Episode]:
-    """All episodes of a dataset, as written; `DatasetError` where a shard is not what the manifest names."""
+    """All episodes of a dataset, as written;
+    `DatasetError` where a shard is not what the manifest names.
+    """
     records = read_records(directory)
     return [episode for record in records for episode in read_shard(directory, record)]
 
 
 def read_shard(directory: Path, record: ShardRecord) -> list[Episode]:
-    """All episodes of one shard, as written; `DatasetError` where it is not what the manifest names."""
+    """All episodes of one shard, as written;
+    `DatasetError` where it is not what the manifest names.
+    """
     path = directory / record.file
     if not path.exists():
         raise DatasetError(f"{path} is missing: the manifest names it")

@@ -164,14 +164,17 @@ def lost_note(lost: Sequence[str]) -> str:
 
 
 def predictor_named(name: str, robot: Robot, grid: HeightGrid) -> Predictor:
-    """A fresh predictor of heights: "geometric", "geometric-feet", or the path of an ONNX file (or `ModelError`)."""
+    """A fresh predictor of heights: "geometric", "geometric-feet",
+    or the path of an ONNX file (or `ModelError`).
+    """
     if name in BASELINES:
         return GeometricHeightmap(robot, grid, foot_gain=BASELINES[name])
     return HeightmapService(HeightmapNetwork(robot, Path(name), grid))
 
 
 def compare(run: ComparedRun, models: Sequence[str] = ()) -> list[Comparison]:
-    """Compares the heightmaps of a recording, and those of models on its depth, with what is true or was seen later.
+    """Compares the heightmaps of a recording, and those of models on its depth,
+    with what is true or was seen later.
 
     Models are names for `predictor_named`. Only steps in which the robot runs count; all steps
     where it never does.
@@ -312,7 +315,8 @@ def _seen_later(
     captured: tuple[Floats, Floats],
     height: Floats,
 ) -> Floats:
-    """Predictions for the same places when they were last in view, thus nearest; NaN where they never were.
+    """Predictions for the same places when they were last in view,
+    thus nearest; NaN where they never were.
 
     Relative to the base at each step [m], shape (n, 30).
     """

@@ -1,4 +1,6 @@
-"""Distance that robots travelled while a predictor was measured: where they start, errors say little."""
+"""Distance that robots travelled while a predictor was measured:
+where they start, errors say little.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,7 +37,9 @@ class DistanceTravelled:
 
     @property
     def tells(self) -> bool:
-        """True where it met an edge or, on flat ground, went as far as courses have their first one."""
+        """True where it met an edge or, on flat ground,
+        went as far as courses have their first one.
+        """
         return self.edges > 0 if self.of_edges else self.distance_m >= FIRST_EDGE_X
 
 

@@ -51,7 +51,9 @@ class EdgeErrors:
 
 
 def jumps(height: Floats, x: Floats) -> list[Jump]:
-    """Finds the jumps of one profile at points ahead, both of shape (points,) [m]; a NaN ends a jump."""
+    """Finds the jumps of one profile at points ahead,
+    both of shape (points,) [m]; a NaN ends a jump.
+    """
     change = np.diff(height)
     # A comparison with NaN is false
     direction = np.where(np.abs(change) > STEP_M, np.sign(change), 0.0)
@@ -72,7 +74,8 @@ def jumps(height: Floats, x: Floats) -> list[Jump]:
 
 
 def edge_errors(predicted: Floats, true: Floats, x: Floats) -> EdgeErrors:
-    """Matches the jumps of predicted profiles with those of true ones, shape (n, points) each, at points ahead.
+    """Matches the jumps of predicted profiles with those of true ones,
+    shape (n, points) each, at points ahead.
 
     A true jump takes the nearest predicted one in the same direction that no nearer one has taken.
     """

@@ -1,4 +1,6 @@
-"""Errors of predicted heights by what they may depend on, and whether the stated intervals hold them."""
+"""Errors of predicted heights by what they may depend on,
+and whether the stated intervals hold them.
+"""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

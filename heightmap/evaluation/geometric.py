@@ -1,4 +1,5 @@
-"""The geometric baseline: heights by deprojection alone, without training, on the best data that the robot has.
+"""The geometric baseline: heights by deprojection alone,
+without training, on the best data that the robot has.
 
 Every valid pixel of the last two seconds becomes a point in the robot's own odometry, with the pose
 estimated at the frame's capture time. A height is the mean of the points at its place, weighted by
@@ -60,7 +61,9 @@ _DEPTH = TOPICS["camera/depth"]
 
 @dataclass(frozen=True, eq=False)
 class _Points:
-    """Contribution of one frame: means of its pixels over bins along the heading, in the odometry's world."""
+    """Contribution of one frame: means of its pixels over bins along the heading,
+    in the odometry's world.
+    """
 
     time_ns: int
     xyz: Floats
@@ -191,7 +194,9 @@ def _points_of(frame: DepthFrame, pose: OdometryPose, mount: Mount) -> _Points:
 
 
 def _walls(ahead: Floats, z: Floats, seen: NDArray[np.bool_], focal: float) -> NDArray[np.bool_]:
-    """Which pixels lie on a wall: between their neighbours above and below, height changes more than distance does."""
+    """Which pixels lie on a wall: between their neighbours above and below,
+    height changes more than distance does.
+    """
     k = max(1, round(WALL_SPAN * focal))
     up, down = np.arange(len(z)) - k, np.arange(len(z)) + k
     up, down = np.maximum(up, 0), np.minimum(down, len(z) - 1)

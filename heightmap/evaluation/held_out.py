@@ -111,7 +111,9 @@ class HeldOutRuns:
 
     @property
     def work(self) -> int:
-        """Work that `measure` tells of a batch, see `saltus.workers.tell`: steps, then robots that are measured."""
+        """Work that `measure` tells of a batch, see `saltus.workers.tell`:
+        steps, then robots that are measured.
+        """
         return math.ceil(self.time_limit_s / TICK_S) + 1 + ROBOTS * ROBOT_WORK
 
     def courses(self, rng: np.random.Generator, count: int) -> list[tuple[str, Terrain]]:
@@ -156,7 +158,9 @@ class HeldOutRuns:
 def _source(
     model: Path, rng: np.random.Generator, setups: Sequence[Setup]
 ) -> PredictedHeights | ScanHeights:
-    """Heights of robots whose cameras lose images and, where they are not ideal, have errors of different strength."""
+    """Heights of robots whose cameras lose images and,
+    where they are not ideal, have errors of different strength.
+    """
     camera, profile = setups[0].camera, setups[0].profile
     profile = replace(
         profile, camera=drawn_around(profile.camera, loss=rng.uniform(0.0, TRAINING.loss))

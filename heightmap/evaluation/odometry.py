@@ -30,7 +30,9 @@ class OdometryPose:
 
 
 class VelocityOdometry:
-    """Adds up the velocity that the robot estimates (trapezoidal rule) and remembers poses for `memory_s`."""
+    """Adds up the velocity that the robot estimates (trapezoidal rule)
+    and remembers poses for `memory_s`.
+    """
 
     def __init__(self, memory_s: float) -> None:
         self._memory_ns = round(1e9 * memory_s)
@@ -43,7 +45,9 @@ class VelocityOdometry:
         return self._poses[-1]
 
     def advance(self, state: RobotState) -> bool:
-        """Takes the next state; False where the silence before it was so long that the way starts anew."""
+        """Takes the next state; False where the silence before it was so long
+        that the way starts anew.
+        """
         velocity = np.asarray(state.velocity_base_in_world, np.float64)
         position = np.zeros(3)
         continued = True
@@ -64,7 +68,9 @@ class VelocityOdometry:
         return continued
 
     def pose_at(self, time_ns: int) -> OdometryPose | None:
-        """The pose between two states; None before the first that is remembered, the newest after the last."""
+        """The pose between two states; None before the first that is remembered,
+        the newest after the last.
+        """
         if not self._poses or time_ns < self._poses[0].time_ns:
             return None
         after = self.pose

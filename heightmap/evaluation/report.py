@@ -60,7 +60,9 @@ class ErrorReport:
         return result
 
     def worst(self) -> list[tuple[Comparison, int]]:
-        """Run and step of the moments with a mean error of the first predictor above `WORST_M`, worst first."""
+        """Run and step of the moments with a mean error of the first predictor above `WORST_M`,
+        worst first.
+        """
         ranked = sorted(
             (-mean, number, i)
             for number, comparison in enumerate(self.comparisons)
@@ -159,7 +161,9 @@ def measure(recordings: Sequence[Recording], models: Sequence[str] = ()) -> Erro
 
 
 def write_report(report: ErrorReport, path: Path) -> None:
-    """Writes the HTML file, which opens without a network; `RecordingError` where it cannot be written."""
+    """Writes the HTML file, which opens without a network;
+    `RecordingError` where it cannot be written.
+    """
     errors = report.errors()
     text = render(
         __file__,

@@ -91,7 +91,9 @@ def edge_figure(edges: Mapping[str, EdgeErrors]) -> go.Figure:
 
 
 def calibration_figure(errors: Mapping[str, Errors]) -> go.Figure:
-    """Observed over expected coverage, and the error that 90 % are below over half of the stated 90 % interval."""
+    """Observed over expected coverage, and the error
+    that 90 % are below over half of the stated 90 % interval.
+    """
     figure = make_subplots(cols=2, horizontal_spacing=0.12)
     top = 0.0
     for (name, of), colour in zip(errors.items(), _colours(errors), strict=True):

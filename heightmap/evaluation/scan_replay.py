@@ -21,7 +21,8 @@ newest image."""
 def scan_errors(
     recording: Recording, grid: HeightGrid, answers: Iterable[Heightmap]
 ) -> dict[str, object]:
-    """Errors [mm], share inside the 90 % interval, median half-width [mm] and share of all points, by visibility.
+    """Errors [mm], share inside the 90 % interval,
+    median half-width [mm] and share of all points, by visibility.
 
     Only `points` where the recording has no truth, or no image came a second before its end.
     """

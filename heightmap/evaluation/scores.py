@@ -1,4 +1,6 @@
-"""Scores of predictors in held-out runs: one table for each, for all runs, by terrain, and by level."""
+"""Scores of predictors in held-out runs: one table for each,
+for all runs, by terrain, and by level.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields
@@ -58,7 +60,8 @@ def score(runs: Sequence[HeldOutRun], predictor: str) -> HeightScore:
 
 
 def totals(x: Floats, true_height: Floats, view: NDArray[np.int8], said: Prediction) -> Floats:
-    """Sum and number of what each of `FIGURES` is the mean of, shape (2, figures): those of runs add up.
+    """Sum and number of what each of `FIGURES` is the mean of,
+    shape (2, figures): those of runs add up.
 
     Args:
         x: Place of each point ahead [m], shape (30,).
@@ -83,7 +86,9 @@ def totals(x: Floats, true_height: Floats, view: NDArray[np.int8], said: Predict
 
 
 def mean_of(totals: Floats) -> Floats:
-    """Each of `FIGURES` by the `totals` of some runs, shape (..., 2, figures); NaN where nothing is judged."""
+    """Each of `FIGURES` by the `totals` of some runs, shape (..., 2, figures);
+    NaN where nothing is judged.
+    """
     total, count = totals[..., 0, :], totals[..., 1, :]
     return np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0.0)
 

@@ -1,4 +1,5 @@
-"""True where the heights of a robot can be trusted, from a recording in which it stands on level, free ground.
+"""True where the heights of a robot can be trusted,
+from a recording in which it stands on level, free ground.
 
 There the truth is known without a second sensor: the ground ahead is as high as the ground under
 the feet. What makes heights wrong on a robot shows there, too: images that come rarely, late or
@@ -55,7 +56,8 @@ class Finding:
 
 
 def check_standing(recording: Recording) -> list[Finding]:
-    """Checks of the heights of a robot that stands in a recording, in the order in which to mend them.
+    """Checks of the heights of a robot that stands in a recording,
+    in the order in which to mend them.
 
     Raises:
         RecordingError: there is no image, no state, or no heightmap in it, or the robot hardly
@@ -89,7 +91,9 @@ def check_standing(recording: Recording) -> list[Finding]:
 
 
 def _check_clock(recording: Recording, timing: TopicTiming, missing: str) -> None:
-    """Raises `RecordingError` where states are dated by another clock, for which a service answers none of them."""
+    """Raises `RecordingError` where states are dated by another clock,
+    for which a service answers none of them.
+    """
     age_s = timing.age_p50_ms / MS
     if not freshness(TOPICS["controller/state"], 0, round(1e9 * age_s)).usable:
         off = f"{abs(age_s):.3f} s {'ahead of' if age_s < 0.0 else 'behind'}"
@@ -103,7 +107,9 @@ def _check_clock(recording: Recording, timing: TopicTiming, missing: str) -> Non
 def _rate(
     recording: Recording, name: str, topic: str, rate_hz: float, nominal_hz: float
 ) -> Finding:
-    """How many a second arrived, and how many were lost since the first: a sender may have begun long before."""
+    """How many a second arrived, and how many were lost since the first:
+    a sender may have begun long before.
+    """
     numbers: dict[bytes, list[int]] = {}
     for _, envelope, _ in recording.payloads(topic):
         numbers.setdefault(envelope.boot_id, []).append(envelope.sequence)
@@ -148,7 +154,9 @@ def _age(recording: Recording, timing: TopicTiming, *, scan: bool) -> Finding:
 def _place(
     recording: Recording, pairs: list[tuple[DepthFrame, RobotState]], *, scan: bool
 ) -> Iterator[Finding]:
-    """The line's network does not know where the camera sits: it has learned which pixel shows which ground."""
+    """The line's network does not know where the camera sits:
+    it has learned which pixel shows which ground.
+    """
     wanted = f"within {DEG * MOUNT_PITCH_ERROR:.1f} deg and {MM * MOUNT_POSITION_ERROR_M:.0f} mm of its claim"
     try:
         calibration = fit_place(pairs, recording.robot, recording.camera)
@@ -210,7 +218,9 @@ def _heights(heightmaps: list[Heightmap], every_state: list[RobotState]) -> Iter
 
 
 def _precision(off: Floats, ok: list[Heightmap]) -> Iterator[Finding]:
-    """`off`: heights over the ground under the feet [m], shape (heightmaps, points); of a scan those that were seen."""
+    """`off`: heights over the ground under the feet [m], shape (heightmaps, points);
+    of a scan those that were seen.
+    """
     scan = bool(len(ok[0].age_s))
     most_off, widest = (SCAN_OFF_M, SCAN_WIDEST_M) if scan else (MOST_OFF_M, WIDEST_M)
     seen = (

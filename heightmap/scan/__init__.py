@@ -1,1 +1,3 @@
-"""Heights in two dimensions for any robot, depth camera and grid: points, a robocentric map, a small network on it."""
+"""Heights in two dimensions for any robot, depth camera and grid:
+points, a robocentric map, a small network on it.
+"""

@@ -18,7 +18,9 @@ class OwnBody(Protocol):
     """Says which points are on the robot."""
 
     def holds(self, points: Singles, joint_position: Floats) -> NDArray[np.bool_]:
-        """True for points (n, 3) of the base frame [m] that are on the robot; `joint_position` [rad], shape (12,)."""
+        """True for points (n, 3) of the base frame [m] that are on the robot;
+        `joint_position` [rad], shape (12,).
+        """
         ...
 
 

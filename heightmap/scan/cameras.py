@@ -74,7 +74,9 @@ class ScanCamera:
 
 
 def _rays(lens: Intrinsics) -> tuple[Singles, int]:
-    """Rays of the pixels that are read, with 1 along the optical axis, shape (n, 3); and every which pixel that is."""
+    """Rays of the pixels that are read, with 1 along the optical axis,
+    shape (n, 3); and every which pixel that is.
+    """
     step = max(1, round((lens.width * lens.height / PIXELS) ** 0.5))
     u, v = (np.arange(step // 2, size, step) + 0.5 for size in (lens.width, lens.height))
     x, y = np.meshgrid((u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy)

@@ -1,4 +1,5 @@
-"""Points sorted into the cells of a window, and windows moved by whole cells: one law for numpy and torch.
+"""Points sorted into the cells of a window, and windows moved by whole cells:
+one law for numpy and torch.
 
 Arrays are clipped by their own method: the compatibility layer's function makes a GPU wait several
 times a call.
@@ -14,7 +15,8 @@ from saltus.heightmap.scan.settings import MapSettings
 
 
 class CellHeights(NamedTuple):
-    """Heights [m] of what one image, or the standing feet, put into each cell, each of shape (batch, side, side).
+    """Heights [m] of what one image, or the standing feet,
+    put into each cell, each of shape (batch, side, side).
 
     Where `count` is 0, the others mean nothing and are finite.
     """
@@ -28,7 +30,8 @@ class CellHeights(NamedTuple):
 
 
 def window_corner(position: Array, settings: MapSettings) -> Array:
-    """First cell of the window around a position: whole numbers of `cell_m` from the odometry's origin.
+    """First cell of the window around a position:
+    whole numbers of `cell_m` from the odometry's origin.
 
     Shapes (batch, 2 or more) -> (batch, 2).
     """
@@ -37,7 +40,9 @@ def window_corner(position: Array, settings: MapSettings) -> Array:
 
 
 def places(xy: Array, corner: Array, settings: MapSettings) -> Array:
-    """Positions (batch, n, 2) [m] in units of fine cells of the window; the centre of the first one is at 0, 0."""
+    """Positions (batch, n, 2) [m] in units of fine cells of the window;
+    the centre of the first one is at 0, 0.
+    """
     return (
         xy / settings.fine_m
         - 0.5
@@ -46,7 +51,9 @@ def places(xy: Array, corner: Array, settings: MapSettings) -> Array:
 
 
 def centres(corner: Array, settings: MapSettings, like: Array) -> tuple[Array, Array]:
-    """Odometry x and y [m] of the window's fine cells, of shapes (batch, side, 1) and (batch, 1, side)."""
+    """Odometry x and y [m] of the window's fine cells,
+    of shapes (batch, side, 1) and (batch, 1, side).
+    """
     xp = namespace(like)
     steps = xp.arange(settings.side, dtype=like.dtype, device=like.device) + 0.5
     first = xp.astype(corner, like.dtype) * settings.cell_m
@@ -65,7 +72,8 @@ def sorted_into_cells(
     *,
     extremes: bool = True,
 ) -> CellHeights:
-    """Heights of points (batch, n, 3) in the odometry's frame; `variance` [m^2] and `valid` have shape (batch, n).
+    """Heights of points (batch, n, 3) in the odometry's frame;
+    `variance` [m^2] and `valid` have shape (batch, n).
 
     Without `extremes`, which take a third of the time, the highest and lowest are the mean.
     """
@@ -103,7 +111,9 @@ def sorted_into_cells(
 
 
 def moved(values: Array, by: Array, new: float) -> Array:
-    """Values (batch, side, side) of a window that goes on by whole fine cells (batch, 2); `new` where it sees more."""
+    """Values (batch, side, side) of a window that goes on by whole fine cells (batch, 2);
+    `new` where it sees more.
+    """
     xp = namespace(values)
     batch, side = values.shape[0], values.shape[1]
     if isinstance(values, np.ndarray):  # blocks are copied in a tenth of the time
@@ -128,7 +138,9 @@ def moved(values: Array, by: Array, new: float) -> Array:
 
 
 def _overlap(by: int, side: int) -> tuple[slice, slice]:
-    """Places along one side that stay in a window that goes on by so many: the new ones, and the old ones."""
+    """Places along one side that stay in a window that goes on by so many:
+    the new ones, and the old ones.
+    """
     return slice(max(0, -by), side - max(0, by)), slice(max(0, by), side - max(0, -by))
 
 

@@ -1,4 +1,5 @@
-"""The robocentric map: heights along the odometry's axes in a window that follows the base by whole cells.
+"""The robocentric map: heights along the odometry's axes
+in a window that follows the base by whole cells.
 
 Positions are those of the odometry, corrected by what matching and standing feet tell of its drift.
 So the map stays where it is, and the robot moves in it; nothing is blurred by resampling. One law
@@ -144,7 +145,9 @@ def is_known(state: ElevationMap) -> Array:
 def advanced(
     state: ElevationMap, measured: Measurement, settings: MapSettings
 ) -> tuple[ElevationMap, Surroundings]:
-    """The map after an image: moved to the base, corrected for drift, and with the new heights in it."""
+    """The map after an image: moved to the base,
+    corrected for drift, and with the new heights in it.
+    """
     before = state.correction
     state = _moved(state, measured.now.position + before, settings)
     # Looks before the last one are for matching alone, which needs no extremes.
@@ -167,7 +170,9 @@ def advanced(
 def _matched(
     state: ElevationMap, measured: Measurement, new: CellHeights, settings: MapSettings
 ) -> tuple[ElevationMap, CellHeights]:
-    """The map with its pose corrected by what an image shows of the drift, and the image's heights from there."""
+    """The map with its pose corrected by what an image shows of the drift,
+    and the image's heights from there.
+    """
     shift: Array = 0.0
     tilt: Array = 0.0
     known = is_known(state)
@@ -248,7 +253,9 @@ def _fused(state: ElevationMap, new: CellHeights, settings: MapSettings) -> Elev
 def _with_feet(
     state: ElevationMap, measured: Measurement, settings: MapSettings
 ) -> tuple[ElevationMap, CellHeights]:
-    """Moves the pose towards where standing feet touch the map, and puts them into it where it knows nothing."""
+    """Moves the pose towards where standing feet touch the map,
+    and puts them into it where it knows nothing.
+    """
     xp = namespace(state.height)
     position = measured.now.position + state.correction
     feet = measured.feet @ xp.matrix_transpose(measured.now.rotation) + position[:, None, :]

@@ -1,10 +1,13 @@
-"""Heights where nothing is known: from what is known around, coarser the farther it is (pull, then push)."""
+"""Heights where nothing is known: from what is known around,
+coarser the farther it is (pull, then push).
+"""
 
 from saltus.arrays import Array, namespace
 
 
 def filled(height: Array, weight: Array) -> Array:
-    """`height` (batch, side, side) where `weight` is 1, a mean of what is around where it is 0, mixed in between.
+    """`height` (batch, side, side) where `weight` is 1,
+    a mean of what is around where it is 0, mixed in between.
 
     `side` is a power of two times a small number. Where nothing has weight, the height is 0.
     """

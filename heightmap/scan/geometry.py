@@ -1,4 +1,6 @@
-"""The classical map's own answer: its heights, filled, with the half-widths that its variances give."""
+"""The classical map's own answer: its heights, filled,
+with the half-widths that its variances give.
+"""
 
 from saltus.arrays import Array, namespace
 from saltus.heightmap.scan.elevation import ElevationMap, Surroundings, is_known

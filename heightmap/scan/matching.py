@@ -34,7 +34,9 @@ def drift(
     height: Array, variance: Array, known: Array, slopes: tuple[Array, Array], new: CellHeights,
     away: tuple[Array, Array], settings: MapSettings,
 ) -> Drift:  # fmt: skip
-    """Compares `new` with the map and its `slopes_of`; `away` are x and y of the cells from the base [m]."""
+    """Compares `new` with the map and its `slopes_of`;
+    `away` are x and y of the cells from the base [m].
+    """
     xp = namespace(height)
     residual = new.mean - height
     used = known & (new.count > 0.0) & (xp.abs(residual) < settings.gate_m)
@@ -62,7 +64,9 @@ def drift(
 
 
 def _solved(lower: list[list[Array]], right: list[Array]) -> list[Array]:
-    """Solves symmetric positive systems by their factors L D L', written out: a GPU need not be waited for."""
+    """Solves symmetric positive systems by their factors L D L',
+    written out: a GPU need not be waited for.
+    """
     n = len(right)
     factor: list[list[Array]] = [[None] * n for _ in range(n)]
     diagonal: list[Array] = []

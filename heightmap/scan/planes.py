@@ -1,4 +1,6 @@
-"""Planes of the map that the network is shown, and the meaning of its answer: plain numbers in SI units."""
+"""Planes of the map that the network is shown, and the meaning of its answer:
+plain numbers in SI units.
+"""
 
 from typing import NamedTuple
 
@@ -40,7 +42,9 @@ class Inputs(NamedTuple):
 
 
 class Heights(NamedTuple):
-    """Heights of each cell, in the odometry's world, or of each point of a grid, relative to the base."""
+    """Heights of each cell, in the odometry's world,
+    or of each point of a grid, relative to the base.
+    """
 
     height: Array
     """[m]."""

@@ -102,7 +102,8 @@ class ScanNetwork:
 
 
 class ScanPredictor:
-    """Heights of the ground around one robot, from images of any depth cameras and somebody's odometry.
+    """Heights of the ground around one robot,
+    from images of any depth cameras and somebody's odometry.
 
     `see` takes each image once; `heights` answers for any grid, at every state, also from another
     thread while an image is taken in: then it tells what was known before.
@@ -144,7 +145,8 @@ class ScanPredictor:
         return True
 
     def heights(self, pose: Pose, yaw: float, grid: HeightGrid) -> tuple[Floats, Floats]:
-        """Height relative to the base and half-width [m] of each point of a grid, each of shape (points,).
+        """Height relative to the base and half-width [m] of each point of a grid,
+        each of shape (points,).
 
         Args:
             pose: Of the base by the same odometry, now.

@@ -7,7 +7,8 @@ from saltus.config import Value, check_between
 
 @dataclass(frozen=True, kw_only=True)
 class MapSettings(Value):
-    """A square window of cells around the base, along the odometry's axes, and how measurements are fused in it.
+    """A square window of cells around the base, along the odometry's axes,
+    and how measurements are fused in it.
 
     Raises:
         ConfigError: a number that no map has; the message names it.

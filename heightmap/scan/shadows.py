@@ -26,7 +26,8 @@ LEVEL_M = 0.05
 
 
 def deepened(height: Reals, half_width: Reals, grid: HeightGrid) -> tuple[Floats, Floats]:
-    """Heights as a cautious planner takes them, and their half-widths, which still reach to the given heights.
+    """Heights as a cautious planner takes them, and their half-widths,
+    which still reach to the given heights.
 
     Args:
         height: Of the network, relative to the base [m], shape (points,).

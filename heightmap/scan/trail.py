@@ -1,4 +1,6 @@
-"""Where a robot's odometry has it, over the last second: velocities added up, or the positions that somebody tells."""
+"""Where a robot's odometry has it, over the last second:
+velocities added up, or the positions that somebody tells.
+"""
 
 from collections import deque
 from typing import NamedTuple

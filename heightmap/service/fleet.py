@@ -1,4 +1,6 @@
-"""The heightmap service of several robots: one hidden state each, one call of the network for all that ask at once."""
+"""The heightmap service of several robots: one hidden state each,
+one call of the network for all that ask at once.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field

@@ -18,7 +18,9 @@ class FrozenOutput:
         self._inputs: TickInputs | None = None
 
     def step(self, inputs: TickInputs, tick: Tick, time_ns: int) -> bool:
-        """True where the output has been the same for more than a second, at the time of a robot state."""
+        """True where the output has been the same for more than a second,
+        at the time of a robot state.
+        """
         first, asked = self._tick, self._inputs
         if first is None or asked is None or not _same_output(first, tick):
             self._since_ns, self._tick, self._inputs = time_ns, tick, inputs

@@ -39,7 +39,8 @@ class View:
 
 
 class ImageWatch:
-    """Judges the images of one camera: duplicates, older ones, and ones from the future or too long ago are no news.
+    """Judges the images of one camera: duplicates, older ones,
+    and ones from the future or too long ago are no news.
 
     Attributes:
         newest: The newest image that was news; None before the first.

@@ -15,7 +15,8 @@ UNANSWERED_NS = (
 
 
 class RobotLink:
-    """Takes a robot's states and frames, whose limits of age `depth` says, and publishes its heightmaps.
+    """Takes a robot's states and frames, whose limits of age `depth` says,
+    and publishes its heightmaps.
 
     They are under `heightmap/heightmap`, or `scan/heightmap` where the process has that name.
 

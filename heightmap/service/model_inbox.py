@@ -1,4 +1,6 @@
-"""The place for a model that is given to a running service: watched, checked, and only then handed over."""
+"""The place for a model that is given to a running service:
+watched, checked, and only then handed over.
+"""
 
 import contextlib
 import os
@@ -48,7 +50,9 @@ class ModelInbox:
         self._process: subprocess.Popen[str] | None = None
 
     def poll(self) -> HeightmapNetwork | None:
-        """Returns a model that was given and has passed, or raises `ModelError` for one that has not; never waits."""
+        """Returns a model that was given and has passed,
+        or raises `ModelError` for one that has not; never waits.
+        """
         if self._check is None:
             signature = self._signature()
             if signature != self._seen:
@@ -88,7 +92,9 @@ class ModelInbox:
         self._worker.shutdown(cancel_futures=True)
 
     def _load_checked(self) -> HeightmapNetwork:
-        """Loads a model that has been checked in another process; `ModelError` says what is wrong with it."""
+        """Loads a model that has been checked in another process;
+        `ModelError` says what is wrong with it.
+        """
         path = self._path
         _ask_for_checksum(path)
         command = [sys.executable, "-P", "-m", "saltus.heightmap.service.model_check", str(path)]

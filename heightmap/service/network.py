@@ -28,8 +28,8 @@ KEPT_CALLS = (
     32  # sizes of batches, 8 kB a robot: as many as one process has robots, each with two models
 )
 MOUNT_POSITION_ERROR_M, MOUNT_PITCH_ERROR = 0.01, np.deg2rad(1.5)
-"""Distance of a camera from the place it was made for that is allowed, along each axis and in pitch [rad]: a
-printed mount and its screws. Training data are drawn with it, or with more
+"""Distance of a camera from the place it was made for that is allowed, along each axis and in pitch
+[rad]: a printed mount and its screws. Training data are drawn with it, or with more
 (`saltus.heightmap.data.mounts`)."""
 _TOLERANCE = 1e-6  # of a number that went through text
 
@@ -102,7 +102,8 @@ class HeightmapNetwork:
 
 
 class _Call:
-    """Calls of the network for so many robots, in memory that is bound to it once: half the cost of arguments.
+    """Calls of the network for so many robots, in memory that is bound to it once:
+    half the cost of arguments.
 
     All outputs lie one after the other, so that what is returned of them is one new array. After
     the network, whose weights fill the caches, each operation on arrays takes several times as long.
@@ -197,7 +198,9 @@ def _mount(camera: object) -> dict[str, object]:
 
 
 def _check_mount(path: Path, camera: dict[str, Any], robot: Robot) -> None:
-    """Refuses a model whose camera sat elsewhere than the robot's does, by more than training covers."""
+    """Refuses a model whose camera sat elsewhere than the robot's does,
+    by more than training covers.
+    """
     try:
         off = robot.camera_position - np.array(camera["position_m"], np.float64)
         turned = robot.camera_pitch - float(camera["pitch_rad"])

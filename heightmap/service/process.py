@@ -1,4 +1,6 @@
-"""The heightmap process: answers every state of every robot with a heightmap, and takes in new models."""
+"""The heightmap process: answers every state of every robot with a heightmap,
+and takes in new models.
+"""
 
 import time
 from collections.abc import Callable, Sequence

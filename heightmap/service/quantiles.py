@@ -1,4 +1,6 @@
-"""Errors as the network states them: an interval of 90 %, and the law by which other intervals follow from it."""
+"""Errors as the network states them: an interval of 90 %,
+and the law by which other intervals follow from it.
+"""
 
 import math
 
@@ -19,11 +21,15 @@ errors than those of a normal law."""
 
 
 def half_width(level: float) -> float:
-    """Half of the interval that holds a share `level` of a Laplace law, over half of the one that holds 90 %."""
+    """Half of the interval that holds a share `level` of a Laplace law,
+    over half of the one that holds 90 %.
+    """
     return -math.log(1.0 - level) * _SCALE
 
 
 def negative_log_likelihood(error: Floats, half_width_90: Floats) -> Floats:
-    """Negative log likelihood of errors under the Laplace law with that half of the 90 % interval [m], in nats."""
+    """Negative log likelihood of errors under the Laplace law
+    with that half of the 90 % interval [m], in nats.
+    """
     scale = _SCALE * np.asarray(half_width_90)
     return np.abs(error) / scale + np.log(2.0 * scale)

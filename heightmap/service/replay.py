@@ -74,7 +74,8 @@ def replay_level(
 def replay_standing(
     network: HeightmapNetwork, read: Callable[[], Iterable[DepthFrame]], level: LevelRobot
 ) -> Iterator[tuple[DepthFrame, Heightmap]]:
-    """Each image of a camera that stands still with the heightmap after it, from a model that is warm.
+    """Each image of a camera that stands still with the heightmap after it,
+    from a model that is warm.
 
     Before a robot that stands the time between images tells nothing: they are shown at the
     camera's rate, the first of them before all, again and again until the model has seen as many

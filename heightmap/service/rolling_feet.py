@@ -44,7 +44,9 @@ class RollingFeet:
         return self._missing
 
     def _velocity(self, state: RobotState) -> Floats:
-        """Velocity of the base over each foot, if it rolls on its sole, in the world [m/s], shape (4, 3)."""
+        """Velocity of the base over each foot, if it rolls on its sole,
+        in the world [m/s], shape (4, 3).
+        """
         rotation = rotation_matrix(np.asarray(state.quaternion_base_in_world, np.float64))
         turn = np.asarray(state.angular_velocity_base, np.float64)
         position = np.asarray(state.joint_position, np.float64)

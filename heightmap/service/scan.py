@@ -1,4 +1,5 @@
-"""The service of any grid: states and images of any depth cameras in, one heightmap with a status for every state out.
+"""The service of any grid: states and images of any depth cameras in,
+one heightmap with a status for every state out.
 
 No robot, camera or grid is named in it: what is known of them stands in `ScanRig`.
 """
@@ -236,7 +237,9 @@ class ScanService:
         return np.concatenate([under.astype(np.float32), told])
 
     def _time_s(self, time_ns: int) -> float:
-        """A time on the clock of the map, which begins where the service did: single precision holds it for days."""
+        """A time on the clock of the map, which begins where the service did:
+        single precision holds it for days.
+        """
         return 1e-9 * (time_ns - self._started_ns)
 
     def _status(self, state: RobotState, now_ns: int) -> HeightmapStatus:

@@ -74,7 +74,8 @@ class ScanChoice:
 
     @classmethod
     def of_run(cls, grid: HeightGrid, model: str | None) -> Self | None:
-        """The heights of a run's grid by the network that the run names; None where it is of the line.
+        """The heights of a run's grid by the network that the run names;
+        None where it is of the line.
 
         Raises:
             ModelError: its file cannot be read.
@@ -123,7 +124,9 @@ class ScanChoice:
         return BodyBox((length, width, height))
 
     def missing(self, robot: Robot) -> str:
-        """One line about what the service is not told of the robot, and what that costs (docs/scan.md)."""
+        """One line about what the service is not told of the robot,
+        and what that costs (docs/scan.md).
+        """
         if self.body == ROBOT_BODY:
             return (
                 f"legs and trunk of {robot.name} are taken out of the images, and its feet tell "

@@ -1,4 +1,6 @@
-"""The heightmap service: robot states and depth frames in, one heightmap with a status for every state out."""
+"""The heightmap service: robot states and depth frames in,
+one heightmap with a status for every state out.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +50,9 @@ class HeightmapService:
 
     @property
     def warm(self) -> bool:
-        """True where the hidden state has seen as many images as the model needs, whatever their status."""
+        """True where the hidden state has seen as many images as the model needs,
+        whatever their status.
+        """
         return bool(self._sight.images_seen[0] >= self._network.warmup_frames)
 
     @property
@@ -120,7 +124,9 @@ class HeightmapService:
         return self._last
 
     def _time_s(self, time_ns: int) -> float:
-        """A time on the clock of `Sight`, which begins where the service did: so it is exact to the nanosecond."""
+        """A time on the clock of `Sight`, which begins where the service did:
+        so it is exact to the nanosecond.
+        """
         return 1e-9 * (time_ns - (self._started_ns or 0))
 
     def _accept(self, frame: DepthFrame, now_ns: int) -> NDArray[np.bool_]:

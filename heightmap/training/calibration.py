@@ -1,4 +1,6 @@
-"""Makes the intervals of a trained network hold what they should, on episodes that it was not fitted to."""
+"""Makes the intervals of a trained network hold what they should,
+on episodes that it was not fitted to.
+"""
 
 import math
 
@@ -54,7 +56,9 @@ def calibrate(
 
 
 def _corrections(stated: np.ndarray, beyond: np.ndarray) -> np.ndarray:
-    """Corrections of each width, from logarithms of what was stated and of errors in intervals: shape (WIDTHS,)."""
+    """Corrections of each width, from logarithms of what was stated and of errors in intervals:
+    shape (WIDTHS,).
+    """
     widths = np.linspace(math.log(MIN_STD_M), math.log(MAX_STD_M), WIDTHS)
     nearest = np.rint((stated - widths[0]) / (widths[1] - widths[0])).astype(int)
     told = [i for i in range(WIDTHS) if np.count_nonzero(nearest == i) >= FEWEST] or [

@@ -1,4 +1,5 @@
-"""DAgger: rounds in which the newest predictor drives robots and the next one is trained on everything collected.
+"""DAgger: rounds in which the newest predictor drives robots
+and the next one is trained on everything collected.
 
 A run of it is a folder:
 
@@ -231,7 +232,9 @@ def _watched(batches: Iterable[list[Episode]], index: int, observer: Observer) -
 def _train(
     folder: Path, index: int, before: Path | None, config: DaggerConfig, observer: Observer
 ) -> None:
-    """Trains on all rounds so far, begins with the last predictor, and exports and measures the next."""
+    """Trains on all rounds so far, begins with the last predictor,
+    and exports and measures the next.
+    """
     further = PredictorTraining(
         updates=config.updates,
         batch=config.batch,

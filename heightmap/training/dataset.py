@@ -109,7 +109,8 @@ class EpisodeStore:
         *,
         forgets: float = 0.0,
     ) -> Iterator[Window]:
-        """Yields windows for ever: each of `batch` robots runs through random episodes, window after window.
+        """Yields windows for ever: each of `batch` robots runs through random episodes,
+        window after window.
 
         Half of the robots enter an episode in its middle, so that a hidden state is also built up
         in full motion. Of the windows that continue an episode, the share `forgets` begins with an
@@ -229,7 +230,8 @@ def run_window(
 def with_noise(
     image: Tensor, noise: ImageNoise, generator: torch.Generator, true_depth: Tensor | None = None
 ) -> Tensor:
-    """Adds what a stereo camera does to depth: error growing with depth, holes at edges and elsewhere.
+    """Adds what a stereo camera does to depth:
+    error growing with depth, holes at edges and elsewhere.
 
     Args:
         image: Depth in [0, 1] and validity, shape (batch, images, 2, 48, 16).

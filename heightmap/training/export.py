@@ -61,7 +61,9 @@ class _Step(nn.Module):
 
 
 def export(model: HeightmapModel, path: Path, origin: Origin) -> None:
-    """Writes the network as ONNX with everything that is needed to use it, whole or not at all, and its checksum."""
+    """Writes the network as ONNX with everything that is needed to use it,
+    whole or not at all, and its checksum.
+    """
     write_onnx(
         _Step(model.cpu().eval()),
         _example(model),

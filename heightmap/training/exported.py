@@ -1,4 +1,6 @@
-"""Reads the weights of an exported heightmap network back, so that training can go on from what is shipped."""
+"""Reads the weights of an exported heightmap network back,
+so that training can go on from what is shipped.
+"""
 
 from pathlib import Path
 

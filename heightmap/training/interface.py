@@ -104,7 +104,9 @@ def interface(
     hidden: int,
     trained: DeliveryModel = TRAINING,
 ) -> str:
-    """Returns what the card of a model, with so many entries of hidden state, says of its inputs and outputs."""
+    """Returns what the card of a model, with so many entries of hidden state,
+    says of its inputs and outputs.
+    """
     soonest_s, latest_s = trained.range_s(latency)
     return _INTERFACE.format(
         features=len(PROPRIOCEPTION),

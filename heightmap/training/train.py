@@ -1,4 +1,6 @@
-"""Trains the heightmap network: truncated back-propagation through windows with a hidden state that is carried on."""
+"""Trains the heightmap network: truncated back-propagation through windows
+with a hidden state that is carried on.
+"""
 
 import math
 import time
@@ -75,7 +77,8 @@ def train(
     start: Path | None = None,
     shown: Callable[[Episode], Episode] = lambda episode: episode,
 ) -> HeightmapModel:
-    """Trains on a dataset until `config.updates`, going on from `checkpoint` where it is from the same training.
+    """Trains on a dataset until `config.updates`,
+    going on from `checkpoint` where it is from the same training.
 
     Args:
         data: Directory of the dataset.
@@ -256,7 +259,8 @@ def settings_of(checkpoint: Path) -> PredictorTraining:
 
 
 def _loss(estimate: HeightEstimate, window: Window) -> Tensor:
-    """The absolute error, and how far the stated interval is from holding the share of errors that it should.
+    """The absolute error, and how far the stated interval is
+    from holding the share of errors that it should.
 
     The first makes heights medians: where an edge may be here or there, a median is on one side of
     it and a mean is in the air. The second is the quantile loss of the logarithm of the error, so
@@ -326,7 +330,9 @@ def _begun(checkpoint: Path, origin: TrainingOrigin) -> CheckpointTable | None:
 
 
 def _compared(origin: TrainingOrigin) -> dict[str, object]:
-    """Parts of an origin that make it another training: not where it runs, nor how often it is saved."""
+    """Parts of an origin that make it another training:
+    not where it runs, nor how often it is saved.
+    """
     config = {
         name: value
         for name, value in origin.get("config", {}).items()

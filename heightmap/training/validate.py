@@ -1,4 +1,6 @@
-"""How good a model file is on episodes that it was not fitted to: errors by region and terrain, and its warm-up."""
+"""How good a model file is on episodes that it was not fitted to:
+errors by region and terrain, and its warm-up.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -98,7 +100,8 @@ def _is_uneven(episode: Episode, x: Floats) -> bool:
 
 
 def warmup_frames(network: HeightmapNetwork, episodes: Sequence[Episode], limit: int = 50) -> int:
-    """Images after the hidden state was emptied until the visible part is as good as without that: 5 to `limit`.
+    """Images after the hidden state was emptied until the visible part is as good as without that:
+    5 to `limit`.
 
     Each episode runs once undisturbed and once with its hidden state emptied in the middle; errors
     ahead are compared image by image, averaged over the episodes. `limit` where none of them lasts
@@ -148,7 +151,9 @@ def run_episode(
 
 
 def episode_inputs(episode: Episode, delivery: DeliveryModel) -> Iterator[TickInputs]:
-    """Returns what the network gets at each tick of an episode but for its hidden state, images without noise."""
+    """Returns what the network gets at each tick of an episode but for its hidden state,
+    images without noise.
+    """
     images, blank = model_image(episode.depth), model_image(np.zeros_like(episode.depth[0]))
     delivered = deliver([episode], delivery, np.random.default_rng(0))
     ((frames, ages_s, news),) = zip(*delivered, strict=True)

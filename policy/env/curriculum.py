@@ -130,7 +130,8 @@ def next_level(
 def moved_level(
     levels: int, level: Array, up: Array, down: Array, draw: Array, *, any_level: float = 0.0
 ) -> Array:
-    """The level above or below, whole numbers as floats; beyond the last, and in a share `any_level`, any level.
+    """The level above or below, whole numbers as floats;
+    beyond the last, and in a share `any_level`, any level.
 
     Args:
         levels: How many there are.

@@ -1,4 +1,6 @@
-"""The state of a training environment beside the physics: tensors that are changed in place, one row for each robot."""
+"""The state of a training environment beside the physics:
+tensors that are changed in place, one row for each robot.
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
@@ -117,7 +119,9 @@ def blank_memory(kinds: Iterable[int], plans: int, past: int, device: torch.devi
 
 
 def store(memory: Any, mask: Tensor | None = None, **values: Tensor) -> None:
-    """Writes values of a memory in place: everywhere, or in the rows where `mask`, bool of shape (n,), is set."""
+    """Writes values of a memory in place: everywhere,
+    or in the rows where `mask`, bool of shape (n,), is set.
+    """
     for name, value in values.items():
         old = getattr(memory, name)
         if mask is not None:

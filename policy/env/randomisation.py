@@ -44,7 +44,8 @@ time constant, about the impedance of Menagerie's Go1, and the frictions of its 
 
 @dataclass(frozen=True, kw_only=True)
 class WideConfig:
-    """Draws that some robots meet beyond the definition of a trial: nothing, unless `share` is more than 0.
+    """Draws that some robots meet beyond the definition of a trial:
+    nothing, unless `share` is more than 0.
 
     Each value is drawn between the robot's usual one and the one given here, or stays usual, for
     one episode. The density rises from nothing at the usual value.
@@ -82,7 +83,9 @@ class WideConfig:
 
     @property
     def contact_dimensions(self) -> int:
-        """Dimensions of the robots' contacts: 6 where drawn soft soles resist being turned and rolled, else 3."""
+        """Dimensions of the robots' contacts:
+        6 where drawn soft soles resist being turned and rolled, else 3.
+        """
         return 6 if self.share > 0.0 and self.softness > 0.0 else 3
 
     @property

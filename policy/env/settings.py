@@ -1,4 +1,6 @@
-"""Configuration of a training: one dataclass that is the TOML, the flags, and what a checkpoint holds."""
+"""Configuration of a training: one dataclass that is the TOML,
+the flags, and what a checkpoint holds.
+"""
 
 from dataclasses import dataclass, field
 from typing import Annotated
@@ -63,7 +65,9 @@ class EnvConfig:
     file."""
 
     def contact_dimensions(self, profile: Profile) -> int:
-        """How many directions contacts need for the effects of `profile` and for what is drawn beyond them."""
+        """How many directions contacts need for the effects
+        of `profile` and for what is drawn beyond them.
+        """
         return max(
             profile.body_chain.contact_dimensions, self.randomisation.wide.contact_dimensions
         )
@@ -108,8 +112,8 @@ class LearningConfig:
     std_range: tuple[float, float] = (0.05, 1.0)
     """Lowest and highest standard deviation."""
     first_entropy: float = 0.01
-    """Weight of the entropy at the first iteration; original, where it stays, and with it a standard deviation of half
-    the range."""
+    """Weight of the entropy at the first iteration; original, where it stays,
+    and with it a standard deviation of half the range."""
     last_entropy: float = 0.001
     """The same from iteration `entropy_iterations` on; between them it falls geometrically."""
     entropy_iterations: int = 1500
@@ -176,7 +180,9 @@ def for_gpu(robot: str, grid: str) -> TrainConfig:
 
 
 def for_cpu(robot: str, grid: str) -> TrainConfig:
-    """Settings for two cores: to bound on flat ground within minutes, with networks a twelfth of the size."""
+    """Settings for two cores: to bound on flat ground within minutes,
+    with networks a twelfth of the size.
+    """
     flat = CurriculumConfig(flat=1.0, stairs=0.0, stepping_stones=0.0, step=0.0, gap=0.0)
     return TrainConfig(
         robot=robot,

@@ -10,7 +10,9 @@ from saltus.states import RobotStates
 
 
 def engine_states(engine: Engine, memory: Memory) -> RobotStates:
-    """IMU and encoders as the engine's positions and velocities say, estimates and schedule as remembered; tensors."""
+    """IMU and encoders as the engine's positions and velocities say,
+    estimates and schedule as remembered; tensors.
+    """
     qpos, qvel = torch.as_tensor(engine.qpos).float(), torch.as_tensor(engine.qvel).float()
     force = torch.as_tensor(engine.qacc)[:, :3].float() + qpos.new_tensor([0.0, 0.0, GRAVITY])
     return RobotStates(

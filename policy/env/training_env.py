@@ -1,4 +1,5 @@
-"""Any environment of a training: thousands of robots in lockstep, between what learns and the physics.
+"""Any environment of a training: thousands of robots in lockstep,
+between what learns and the physics.
 
 All its state lives in tensors that every stage changes in place, so that on a GPU each stage is
 replayed as a CUDA graph and nothing waits for the processor.

@@ -25,7 +25,9 @@ _GOAL_M = 1.0  # way of one jump along the profile; original, but horizontal the
 
 
 class Views:
-    """Observations as tensors that are rewritten in place, from what robots know now and the engine's positions."""
+    """Observations as tensors that are rewritten in place,
+    from what robots know now and the engine's positions.
+    """
 
     def __init__(
         self,
@@ -85,7 +87,8 @@ class Views:
         )
 
     def set_goals(self, fresh: Tensor) -> None:
-        """Gives robots that begin a gait cycle, or an episode (`fresh`, bool, (n,)), the goal of their next jump.
+        """Gives robots that begin a gait cycle, or an episode (`fresh`, bool, (n,)),
+        the goal of their next jump.
 
         The goal is one metre ahead along the profile: on stairs of 0.2 m by 0.25 m, 0.56 m ahead.
         """

@@ -1,4 +1,6 @@
-"""One HTML file about an evaluation: how often, how fast, where the feet were, and why trials failed."""
+"""One HTML file about an evaluation: how often, how fast,
+where the feet were, and why trials failed.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -59,7 +61,9 @@ def _worst_first(result: EvaluationResult) -> list[tuple[str, int]]:
 
 
 def _places(result: EvaluationResult, cause: str) -> str:
-    """Seeds and where along the course the robot was at the end of trials that failed by this cause."""
+    """Seeds and where along the course the robot was at the end
+    of trials that failed by this cause.
+    """
     pairs = zip(result.seeds, result.trials, strict=True)
     return ", ".join(
         f"{seed} at {trial.trace.base[-1, 0]:.1f} m"

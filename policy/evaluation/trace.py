@@ -118,7 +118,8 @@ def failure_of(robot: Robot, outcome: Outcome, trace: Trace, terrain: Terrain) -
 
 
 def _sunk(trace: Trace, last: slice, radius: float, terrain: Terrain) -> NDArray[np.bool_]:
-    """Feet in a trench: below the ground that they came from, which is there again behind and ahead.
+    """Feet in a trench: below the ground that they came from,
+    which is there again behind and ahead.
 
     Ground that only leads down or up is none, nor is that between walls. Of the `last` steps, shape
     (t, 4).

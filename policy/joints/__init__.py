@@ -1,1 +1,3 @@
-"""Policies that answer with joint targets: observation, network, and their part in the planner's process."""
+"""Policies that answer with joint targets: observation,
+network, and their part in the planner's process.
+"""

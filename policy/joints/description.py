@@ -1,4 +1,5 @@
-"""Everything that somebody needs to run a policy that commands joints, as one value with a TOML form.
+"""Everything that somebody needs to run a policy that commands joints,
+as one value with a TOML form.
 
 A policy that Saltus trains carries it in its ONNX file; for somebody else's it is written by hand.
 """

@@ -1,4 +1,6 @@
-"""Walking by a policy that commands joints: it gets up, is asked at the policy's rate, and comes to a stand."""
+"""Walking by a policy that commands joints: it gets up,
+is asked at the policy's rate, and comes to a stand.
+"""
 
 import math
 
@@ -90,7 +92,9 @@ class Walker:
         )
 
     def slows(self, state: RobotState) -> bool:
-        """True until it is slow, within the times of `STOP_NS`; see `saltus.policy.mover.Mover.slows`."""
+        """True until it is slow, within the times of `STOP_NS`;
+        see `saltus.policy.mover.Mover.slows`.
+        """
         if state.mode != ControllerMode.WALK:
             return False
         if self._stopping_ns is None:
@@ -138,7 +142,9 @@ class Walker:
         )
 
     def _with_history(self, vector: Floats) -> Floats:
-        """The last vectors in the description's order; before there were so many, the first one again."""
+        """The last vectors in the description's order;
+        before there were so many, the first one again.
+        """
         count = self._described.history
         if count == 1:
             return vector

@@ -1,4 +1,6 @@
-"""Evaluates checkpoints with the deployed stack beside a training, on the processor, in processes of its own."""
+"""Evaluates checkpoints with the deployed stack beside a training,
+on the processor, in processes of its own.
+"""
 
 import importlib.util
 import os
@@ -18,7 +20,9 @@ _SPARE_CORES = (
 
 
 def missing_packages() -> list[str]:
-    """Packages of `NEEDED` that are not installed: a machine that trains need not be able to deploy."""
+    """Packages of `NEEDED` that are not installed:
+    a machine that trains need not be able to deploy.
+    """
     return [name for name in NEEDED if importlib.util.find_spec(name) is None]
 
 

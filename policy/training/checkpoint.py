@@ -33,7 +33,9 @@ def write_checkpoint(path: Path, state: dict[str, object]) -> None:
 
 
 def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
-    """Reads what `Learner.save` wrote; `SaltusError` where the file is missing, damaged, or none of a motion policy."""
+    """Reads what `Learner.save` wrote; `SaltusError` where the file is missing,
+    damaged, or none of a motion policy.
+    """
     try:
         check_archive(path, checksums=True)  # torch loads flipped weights without complaint
         state = torch.load(path, map_location=device, weights_only=True)
@@ -53,7 +55,9 @@ def config_of(state: Mapping[str, Any]) -> TrainConfig: ...
 @overload
 def config_of(state: Mapping[str, Any], kind: type[Config]) -> Config: ...
 def config_of(state: Mapping[str, Any], kind: type[Any] = TrainConfig) -> Any:
-    """The configuration of a training, from what its checkpoint holds; `SaltusError` if it is another program's."""
+    """The configuration of a training, from what its checkpoint holds;
+    `SaltusError` if it is another program's.
+    """
     try:
         return from_toml(kind, state["config"])
     except ConfigError as error:

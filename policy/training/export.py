@@ -1,4 +1,6 @@
-"""From a checkpoint to the ONNX file that the planner process runs, and from that to what drives on a device."""
+"""From a checkpoint to the ONNX file that the planner process runs,
+and from that to what drives on a device.
+"""
 
 from pathlib import Path
 
@@ -27,7 +29,9 @@ _MEAN, _STD, _VARIANCE = (f"obs_normalizer._{name}" for name in ("mean", "std", 
 
 
 class DeployedPolicy(nn.Module):
-    """The actor's mean action as values of a plan: observation scaled before the network, actions bounded after it."""
+    """The actor's mean action as values of a plan:
+    observation scaled before the network, actions bounded after it.
+    """
 
     def __init__(self, checkpoint: dict[str, object]) -> None:
         super().__init__()
@@ -43,7 +47,9 @@ class DeployedPolicy(nn.Module):
         """For which it was trained."""
 
     def forward(self, features: Tensor) -> Tensor:
-        """Values in the order of `ACTIONS`, shape (n, 10), for vectors of `with_past`, shape (n, size)."""
+        """Values in the order of `ACTIONS`, shape (n, 10),
+        for vectors of `with_past`, shape (n, size).
+        """
         return self.bounds.clipped(self.bounds.denormalised(self.network(features)))
 
 
@@ -71,7 +77,8 @@ def export(checkpoint: Path, path: Path) -> float:
 
 
 def read_policy(path: Path) -> dict[str, object]:
-    """Reads what `DeployedPolicy` is made of: a checkpoint, or, by its suffix, an ONNX file that `export` wrote.
+    """Reads what `DeployedPolicy` is made of: a checkpoint, or,
+    by its suffix, an ONNX file that `export` wrote.
 
     Raises:
         SaltusError: the file is neither.

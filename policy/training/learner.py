@@ -1,4 +1,6 @@
-"""PPO of rsl-rl over a training environment: one iteration at a time, saved to and restored from one file."""
+"""PPO of rsl-rl over a training environment:
+one iteration at a time, saved to and restored from one file.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -25,7 +27,9 @@ GROUPS = {"actor": ["policy"], "critic": ["privileged"]}
 
 
 class Learner:
-    """Collects experience and learns from it; `distributed` is rank and number of processes that learn together."""
+    """Collects experience and learns from it;
+    `distributed` is rank and number of processes that learn together.
+    """
 
     def __init__(
         self,
@@ -191,7 +195,8 @@ def make_actor(observation: TensorDict, config: LearningConfig, bounds: ActionBo
 
 
 def rebase(actor: MLPModel, old: ActionBounds, new: ActionBounds) -> None:
-    """Makes an actor that was trained with other bounds ask for the same actions, as random as before.
+    """Makes an actor that was trained with other bounds ask for the same actions,
+    as random as before.
 
     Its outputs are shares of ranges: new = a old + b for each action, which its last layer can do.
     """
@@ -214,7 +219,9 @@ def observation_of(transition: Transition) -> TensorDict:
 
 
 def _levels(old_kind: torch.Tensor, old_level: torch.Tensor, kind: torch.Tensor) -> torch.Tensor:
-    """Levels for robots of the given kinds, with the distribution that the old robots of each kind had."""
+    """Levels for robots of the given kinds, with the distribution
+    that the old robots of each kind had.
+    """
     level = torch.zeros(len(kind), device=kind.device)
     for k in kind.unique():
         known = old_level[old_kind == k].float().sort().values

@@ -1,4 +1,5 @@
-"""Trains the motion policy, on a CPU or on GPUs, resumable at any time (`python -m saltus.cli.policy_train`).
+"""Trains the motion policy, on a CPU or on GPUs,
+resumable at any time (`python -m saltus.cli.policy_train`).
 
 The folder gets `checkpoint.pt` (everything that is needed to go on), `config.toml`, `commit.txt`,
 `log.txt`, `progress.csv`, `evaluation.csv` and curves for tensorboard. With `torchrun
@@ -151,7 +152,9 @@ def learn(
 def paced(
     learner: Learner, start: float, minutes: float, last: int | None, rank: Rank
 ) -> Iterator[None]:
-    """One item for each iteration that there is time for, with a bar that shows how much of it is gone."""
+    """One item for each iteration that there is time for,
+    with a bar that shows how much of it is gone.
+    """
     first = learner.iteration
     form = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}{postfix}"
     with tqdm(
@@ -185,7 +188,9 @@ def say(line: str) -> None:
 
 
 def device_of_this_process(device: str) -> Rank:
-    """Where this process trains, made ready for it; `device` is "cpu", or "auto" for a GPU where there is one."""
+    """Where this process trains, made ready for it; `device` is "cpu", or "auto"
+    for a GPU where there is one.
+    """
     world = int(os.environ.get("WORLD_SIZE", "1"))
     if device == "cpu" or not has_gpu():
         # Batches of a few hundred robots are too small to share: two threads on two busy cores wait

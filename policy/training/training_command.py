@@ -1,4 +1,6 @@
-"""A training of a policy as it is asked for: from where it starts, where it writes, how long it takes."""
+"""A training of a policy as it is asked for:
+from where it starts, where it writes, how long it takes.
+"""
 
 import math
 from abc import ABC, abstractmethod

@@ -1,4 +1,6 @@
-"""Files in a training's folder: checkpoint, configuration, commit, curves, how the deployed stack did."""
+"""Files in a training's folder: checkpoint, configuration,
+commit, curves, how the deployed stack did.
+"""
 
 import contextlib
 import shutil

@@ -1,4 +1,5 @@
-"""Which of the trained models are taken: those with which simulated robots of the found profile do best.
+"""Which of the trained models are taken: those with
+which simulated robots of the found profile do best.
 
 A further training gains where it trains and may lose elsewhere. The shipped models stay in the
 running, and the robot itself is not asked: it is for the measurement. Whether the leg controller
@@ -52,7 +53,9 @@ class Choice:
 
     @property
     def best(self) -> tuple[str, ...]:
-        """The names of the best pair: by its worst course, then by all, then by how much of it is new."""
+        """The names of the best pair: by its worst course,
+        then by all, then by how much of it is new.
+        """
 
         def worth(pair: str) -> tuple[float, float, int]:
             shares = [tally.successes / tally.trials for tally in self.tallies[pair].values()]

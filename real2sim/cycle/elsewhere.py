@@ -72,7 +72,9 @@ One of the two models is enough: the other then stays as shipped.
 
 
 def refuse(export: Path | None, take: Path | None) -> None:
-    """Says before the work that a training cannot be exported there, or taken from there: `ConfigError`."""
+    """Says before the work that a training cannot be exported there,
+    or taken from there: `ConfigError`.
+    """
     if export is not None and take is not None:
         raise ConfigError(f"--export-training {export}: not together with --take-training")
     if export is not None and export.exists():

@@ -123,7 +123,9 @@ def find_effects(
 def apply_what_can_be(
     patch: Patch, known: Profile, robot: Robot
 ) -> tuple[Profile, tuple[str, ...]]:
-    """The profile with the effects of the patch that it can have, and a line for each that it cannot."""
+    """The profile with the effects of the patch that it can have,
+    and a line for each that it cannot.
+    """
     refused = []
     for effect in patch.effects:
         try:

@@ -1,4 +1,6 @@
-"""How the hidden robot does on courses with the models before and after: trials as `saltus policy eval` runs them."""
+"""How the hidden robot does on courses with the models before and after:
+trials as `saltus policy eval` runs them.
+"""
 
 import json
 from dataclasses import asdict, dataclass, replace

@@ -1,4 +1,6 @@
-"""One HTML file that tells a cycle: what was hidden, what was found, what training with it is worth."""
+"""One HTML file that tells a cycle: what was hidden,
+what was found, what training with it is worth.
+"""
 
 import json
 import math
@@ -290,7 +292,9 @@ def success_figure(courses: Mapping[str, Mapping[When, Measured]]) -> go.Figure:
 
 
 def truth_figure(rows: Sequence[TruthRow]) -> go.Figure:
-    """Draws what was found of each hidden change, as a share of it: 0 is what was known, 100 % is the truth."""
+    """Draws what was found of each hidden change, as a share of it:
+    0 is what was known, 100 % is the truth.
+    """
     figure = go.Figure()
     shares = [_shares(row) for row in rows]
     names = [row.name for row in rows]
@@ -324,7 +328,9 @@ def truth_figure(rows: Sequence[TruthRow]) -> go.Figure:
 
 
 def _shares(row: TruthRow) -> tuple[float, float, float] | None:
-    """Lower end, value and upper end of what was found, in % of the change; None where nothing was found."""
+    """Lower end, value and upper end of what was found, in % of the change;
+    None where nothing was found.
+    """
     if row.found is None or row.ci90 is None or row.true is None or row.known is None:
         return None
     change = 0.01 * (row.true - row.known)

@@ -1,4 +1,6 @@
-"""Settings of a cycle: the same dataclass is its TOML file and the flags of `saltus real2sim cycle`."""
+"""Settings of a cycle: the same dataclass is its TOML file
+and the flags of `saltus real2sim cycle`.
+"""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -48,8 +50,8 @@ class CycleSettings:
     policy_minutes: float = 10.0
     """Time of the policy's training, where there is a GPU."""
     choice_trials: int = 100
-    """On each course, of robots with the profile that was found, with the trained models, the shipped ones, and one of
-    each: what does best is taken. Fewer do not tell 92 % from 98 %."""
+    """On each course, of robots with the profile that was found, with the trained models,
+    the shipped ones, and one of each: what does best is taken. Fewer do not tell 92 % from 98 %."""
     trials: int = 20
     """On each course, with the models before and after.
 

@@ -1,4 +1,6 @@
-"""Policy and predictor, trained further from the shipped checkpoints with the profile that was found."""
+"""Policy and predictor, trained further from the shipped checkpoints
+with the profile that was found.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -85,7 +87,9 @@ def collect_data(folder: CycleFolder, settings: CycleSettings, tell: Progress) -
 def device_collection(
     settings: CycleSettings, policy: Path, predictor: Path, profile: Path
 ) -> DeviceCollection:
-    """Returns what `saltus heightmap collect gpu` is told: these files, and the courses and the camera of the cycle."""
+    """Returns what `saltus heightmap collect gpu` is told:
+    these files, and the courses and the camera of the cycle.
+    """
     loop = DeviceLoop(
         robot=settings.loop.robot,
         grid=settings.loop.grid,
@@ -120,7 +124,8 @@ def train_predictor(folder: CycleFolder, settings: CycleSettings, tell: Progress
 
 
 def differs_beyond_camera(folder: CycleFolder) -> bool:
-    """True where drives, body or IMU of the found profile differ from those that the shipped policy was trained with.
+    """True where drives, body or IMU of the found profile differ
+    from those that the shipped policy was trained with.
 
     If only the camera does there is nothing for the policy to learn: its inputs are heights, not
     images.
@@ -131,7 +136,8 @@ def differs_beyond_camera(folder: CycleFolder) -> bool:
 
 
 def policy_changes(settings: CycleSettings, profile: Path) -> dict[str, object]:
-    """Returns what the policy's training has otherwise than that of the shipped one, as tables of its TOML file.
+    """Returns what the policy's training has otherwise than that of the shipped one,
+    as tables of its TOML file.
 
     The shipped one ended with small steps and sure of its actions; a robot that is another needs
     the steps of the beginning, and trials of other actions, on courses of all levels: what it

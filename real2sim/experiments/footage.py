@@ -49,7 +49,9 @@ class FootageCamera:
 
     @classmethod
     def of(cls, claim: CameraClaim) -> "FootageCamera":
-        """The camera that a run log claims (`meta.camera`), its images pooled until none is larger than the D435i's."""
+        """The camera that a run log claims (`meta.camera`),
+        its images pooled until none is larger than the D435i's.
+        """
         by = max(1, -(-int(claim["width"]) // WIDTH))
         intrinsics = Intrinsics(
             width=int(claim["width"]) // by, height=int(claim["height"]) // by,

@@ -1,4 +1,5 @@
-"""Motions that make effects visible: commands for the joints of a held robot, and for the body of one that stands.
+"""Motions that make effects visible: commands for the joints of a held robot,
+and for the body of one that stands.
 
 A motion is a value: everything about it is known before the robot moves, so that it can be checked
 against limits. The joints of a held robot move about the pose in which it stands, near the middle
@@ -82,7 +83,9 @@ def triangle(robot: Robot, duration_s: float, speed_rad_s: float, amplitude_rad:
 def steps(
     robot: Robot, duration_s: float, period_s: float, amplitude_rad: float | Sequence[float]
 ) -> Commands:
-    """Jumps of the desired angle from one side of the stand to the other, a joint of each leg at a time."""
+    """Jumps of the desired angle from one side of the stand to the other,
+    a joint of each leg at a time.
+    """
     t = _times(duration_s)
     turn = np.tile([0.0, 1.0 / 3.0, 2.0 / 3.0], 4) * period_s
     sign = np.where(((t[:, None] + turn) // period_s) % 2 < 1, 1.0, -1.0)
@@ -112,7 +115,8 @@ def hold_ladder(robot: Robot, duration_s: float, amplitude_rad: float, rungs: in
 def torque_ladder(
     robot: Robot, duration_s: float, highest_nm: Sequence[float], rungs: int, pulse_s: float
 ) -> Commands:
-    """Short feed-forward pulses of rising size, pushing and pulling in turn, one joint of each leg at a time.
+    """Short feed-forward pulses of rising size, pushing and pulling in turn,
+    one joint of each leg at a time.
 
     The desired angle stays that of the stand: the PD law brings the joint back.
     """

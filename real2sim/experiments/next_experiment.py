@@ -43,7 +43,9 @@ class Separations:
         return min((0.5 * self._sigma(name, sizes) ** 2 * apart for name in seen), default=0.0)
 
     def alike(self, a: str, b: str) -> float:
-        """Cosine of what two effects do, 0 where one of them cannot show; 1 where nothing is known of it."""
+        """Cosine of what two effects do, 0 where one of them cannot show;
+        1 where nothing is known of it.
+        """
         if (a in self.visible) != (b in self.visible):
             return 0.0
         names = list(self.visible)
@@ -64,7 +66,8 @@ def next_experiment(
     rivals: Sequence[FoundEffect],
     rigs: Sequence[RigClaims] = (),
 ) -> NextExperiment | None:
-    """The experiment that tells the effects of the first set apart; None where there is no set, or none does.
+    """The experiment that tells the effects of the first set apart;
+    None where there is no set, or none does.
 
     `rivals` are fitted values, `rigs` what the logs claim (`meta.json`). A robot that was held is
     held again, as nothing shows its joints better; one that stood may be hung up.

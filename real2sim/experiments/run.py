@@ -29,7 +29,9 @@ from saltus.terrain.terrain import Terrain
 
 @dataclass(frozen=True, kw_only=True)
 class SensorNoise:
-    """Standard deviations of white noise, as of small quadrupeds whose base is tracked by motion capture."""
+    """Standard deviations of white noise, as
+    of small quadrupeds whose base is tracked by motion capture.
+    """
 
     q_rad: float = 1e-3
     dq_rad_s: float = 0.05

@@ -33,7 +33,8 @@ NOTHING = 1e-9
 def measure(
     experiment: Experiment, robot: Robot, camera: FootageCamera | None = None
 ) -> dict[str, Any]:
-    """The experiment's entry in the table: sizes and norms of effects by name, and cosines in their order.
+    """The experiment's entry in the table: sizes and norms of effects by name,
+    and cosines in their order.
 
     With a camera, only what this camera shows is measured.
     """
@@ -62,7 +63,9 @@ def measure(
 
 
 def _signatures(problem: Problem) -> dict[str, tuple[float, Floats]]:
-    """By effect: the size that was added, and what each of its unknowns then changes, shape (residuals, unknowns)."""
+    """By effect: the size that was added, and what each of its unknowns then changes,
+    shape (residuals, unknowns).
+    """
     spans, start = [], 0
     for candidate in problem.candidates:
         spans.append(slice(start, start + len(candidate.unknowns)))
@@ -104,7 +107,9 @@ def _amount(unknown: Unknown) -> float:
 
 
 def _size(candidate: Candidate) -> float:
-    """Returns what the added amount is in the first parameter; 0 where the parameter of no effect is infinite."""
+    """Returns what the added amount is in the first parameter;
+    0 where the parameter of no effect is infinite.
+    """
     null = candidate.absent
     added = null + np.array([0.0 if u.is_shape else _amount(u) for u in candidate.unknowns])
     before, after = (next(iter(candidate.parameters(x).values())).value for x in (null, added))

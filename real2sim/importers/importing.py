@@ -61,7 +61,8 @@ class Imported:
 def import_recording(
     recording: Path, out: Path, description: Description, robot: Robot
 ) -> Imported:
-    """Writes a bag or a table as a run log, or as several into folders below `out`: for each leg, or of an archive.
+    """Writes a bag or a table as a run log, or as several into folders below `out`:
+    for each leg, or of an archive.
 
     Args:
         recording: Folder or file of a rosbag2, a ROS 1 bag, or a table: text, Parquet or npz.
@@ -189,7 +190,9 @@ def _completed(
 
 
 def _on_robot(log: RunLog, robot: Robot) -> tuple[list[str], RunLog]:
-    """Names of the robot's joints in their order, and the log with columns in that order, counted its way."""
+    """Names of the robot's joints in their order,
+    and the log with columns in that order, counted its way.
+    """
     own = [name.removesuffix("_joint") for name in log.meta["joints"]]
     for name in own:
         if name and name not in JOINTS:

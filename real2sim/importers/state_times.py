@@ -1,4 +1,6 @@
-"""States of a robot that measures at other times than its rows say: put on even times by their velocities."""
+"""States of a robot that measures at other times than its rows say:
+put on even times by their velocities.
+"""
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -11,7 +13,8 @@ WALK_S = 0.002  # standard deviation of the former for a loop without synchronis
 
 
 def state_times(q: Floats, dq: Floats, row_s: float, state_s: float) -> Floats:
-    """The likeliest time of the state in each row [s], from 0, on the grid of states (Viterbi algorithm).
+    """The likeliest time of the state in each row [s], from 0,
+    on the grid of states (Viterbi algorithm).
 
     Args:
         q: Angles [rad], shape (rows, joints).
@@ -57,7 +60,8 @@ def rate_scale(q: Floats, dq: Floats, row_s: float) -> Floats:
 
 
 def evenly(times_s: Floats, q: Floats, dq: Floats, at_s: Floats) -> tuple[Floats, Floats]:
-    """Angles at other times, by a cubic through angles and velocities, and velocities, which are noisier, linearly.
+    """Angles at other times, by a cubic through angles and velocities,
+    and velocities, which are noisier, linearly.
 
     `dq` must be the rate of `q`.
     """

@@ -1,4 +1,6 @@
-"""Reads a table of joints (text, Parquet or npz) as run logs: columns, units and order by a short description."""
+"""Reads a table of joints (text, Parquet or npz) as run logs:
+columns, units and order by a short description.
+"""
 
 import itertools
 import math

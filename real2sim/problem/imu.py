@@ -141,7 +141,8 @@ def imu_windows(log: RunLog, segments: Sequence[Segment]) -> ImuWindows:
 
 
 def _mismatch(time_s: Floats, gyro: Floats, base: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
-    """Rates from sample to sample less those of the base, in two parts [rad/s], shape (n - 1, 3) each.
+    """Rates from sample to sample less those of the base,
+    in two parts [rad/s], shape (n - 1, 3) each.
 
     The first is noise and bias. The second is what was missed where a foot landed between two
     samples, of which the log does not say when.
@@ -220,7 +221,9 @@ def imu_candidates() -> tuple[Candidate, ...]:
 
 
 class ImuProblem(Problem):
-    """One IMU, one block "imu"; `RecordingError` where the log lacks `imu.csv`, or the motion of its base."""
+    """One IMU, one block "imu"; `RecordingError` where the log lacks `imu.csv`,
+    or the motion of its base.
+    """
 
     name = "imu"
     blocks = ("imu",)
@@ -261,14 +264,18 @@ class ImuProblem(Problem):
         return rotations.normalised(sampled(at_s, *self._windows.base))
 
     def _tilt_error(self, base: Floats, mount: Floats) -> Floats:
-        """Reported minus expected tilt: the rotation vector without its part about the vertical, (n, w, BLOCKS, 2)."""
+        """Reported minus expected tilt: the rotation vector without its part about the vertical,
+        (n, w, BLOCKS, 2).
+        """
         reported = rotations.up_in_body(self._windows.orientation)
         expected = rotations.up_in_body(quaternion_product(base, mount[:, None, None]))
         error = np.cross(np.broadcast_to(reported, expected.shape), expected)[..., :2]
         return _means(error)
 
     def _turn_error(self, base: Floats, bias: Floats, axes: Floats) -> Floats:
-        """Integral of the rates minus how far the base turned, in its own frame, shape (n, w, BLOCKS, 3)."""
+        """Integral of the rates minus how far the base turned,
+        in its own frame, shape (n, w, BLOCKS, 3).
+        """
         turned_axes = quaternion_from_vector(axes)
         rate = self._windows.gyro - bias[:, None, None]  # (n, w, steps, 3)
         rate = _turned(turned_axes[:, None, None], rate)
@@ -280,7 +287,8 @@ class ImuProblem(Problem):
         return _means(rotations.to_vector(quaternion_product(quaternion_inverse(base), path)))
 
     def _roots(self) -> tuple[Floats, Floats]:
-        """Roots that make windows white: tilt and turn about roll and pitch, and turn about yaw alone.
+        """Roots that make windows white: tilt and turn about roll and pitch,
+        and turn about yaw alone.
 
         Inverse Cholesky factors of their covariance, shapes (w, 2, 2 BLOCKS, 2 BLOCKS) and (w,
         BLOCKS, BLOCKS). Both signals have the noise of the base in common. The integral of the

@@ -81,7 +81,8 @@ def in_sequence(logs: Sequence[RunLog], names: Sequence[str]) -> RunLog:
 
 
 def segments_of(log: RunLog) -> tuple[Segment, ...]:
-    """Segments of a log: those that it names, else motions separated by rests, else blocks of equal length.
+    """Segments of a log: those that it names,
+    else motions separated by rests, else blocks of equal length.
 
     Named segments are clipped to the time that the log covers. Unnamed ones with equal commands are
     repeats.
@@ -108,7 +109,8 @@ def untold(log: RunLog) -> str:
 
 
 def gains(log: RunLog) -> tuple[Floats, Floats]:
-    """Claimed stiffness [Nm/rad] and damping [Nm s/rad] of the drives, shape (joints,) each, read-only.
+    """Claimed stiffness [Nm/rad] and damping [Nm s/rad] of the drives,
+    shape (joints,) each, read-only.
 
     Of a log that claims them: `untold` says what is missing.
     """
@@ -120,7 +122,9 @@ def gains(log: RunLog) -> tuple[Floats, Floats]:
 
 
 def gains_in_force(log: RunLog) -> tuple[Floats, Floats]:
-    """Stiffness and damping of each command, shape (rows, joints) each: of the columns, or else as claimed."""
+    """Stiffness and damping of each command, shape (rows, joints) each:
+    of the columns, or else as claimed.
+    """
     own = (log.joints.kp, log.joints.kd)
     kp, kd = (
         np.broadcast_to(claimed, log.joints.q.shape) if column is None else column
@@ -159,12 +163,16 @@ def robot_of_runs(runs: Sequence[Path]) -> Robot:
 
 
 def quadruped_of(model: Robot | Path) -> Robot:
-    """The robot to whose torque limits parameters of a saturation refer: for an MJCF that of the schema of run logs."""
+    """The robot to whose torque limits parameters of a saturation refer:
+    for an MJCF that of the schema of run logs.
+    """
     return model if isinstance(model, Robot) else reference_robot()
 
 
 def torque_limits(model: Robot | Path) -> Floats:
-    """Torques to which parameters of a saturation refer [Nm], shape (12,); of the schema where a robot has none."""
+    """Torques to which parameters of a saturation refer [Nm], shape (12,);
+    of the schema where a robot has none.
+    """
     limits = quadruped_of(model).torque_limit
     return np.where(np.isfinite(limits), limits, reference_robot().torque_limit)
 
@@ -179,7 +187,9 @@ def clocks(log: RunLog) -> dict[str, Floats]:
 
 
 def commanded(log: RunLog) -> Floats:
-    """The commands' part of the drives' torque: kp q_des + kd dq_des + tau_ff [Nm], shape (rows, joints)."""
+    """The commands' part of the drives' torque:
+    kp q_des + kd dq_des + tau_ff [Nm], shape (rows, joints).
+    """
     (kp, kd), joints = gains_in_force(log), log.joints
     torque = kp * joints.commanded_q
     if joints.dq_des is not None:
@@ -302,7 +312,9 @@ def shifts_s(logs: Sequence[RunLog]) -> list[float]:
 
 
 def _shift(log: RunLog, name: str, shift_s: float) -> RunLog:
-    """The same run on a clock that is ahead by `shift_s`, with the run's name in the names of its segments."""
+    """The same run on a clock that is ahead by `shift_s`,
+    with the run's name in the names of its segments.
+    """
     named: list[SegmentClaim] = [
         {
             "name": f"{name}/{s.name}",

@@ -1,4 +1,5 @@
-"""A problem: residuals in units of noise as a function of unknowns, each of which is 0 where its effect is absent.
+"""A problem: residuals in units of noise as a function of unknowns,
+each of which is 0 where its effect is absent.
 
 A problem belongs to one kind of sensor: joints, camera, body or IMU. It replays a run log in the
 simulator with effects added and returns measured minus simulated, whitened: if the model is right,
@@ -130,7 +131,8 @@ class Candidate:
         return np.where([unknown.is_shape for unknown in self.unknowns], self.starts[0], 0.0)
 
     def parameters(self, unknowns: Floats, block: int = 0) -> dict[str, "Estimate"]:
-        """Parameters in the schema's names and units, of unknowns of shape (its unknowns,); nuisances have no units.
+        """Parameters in the schema's names and units, of unknowns of shape (its unknowns,);
+        nuisances have no units.
 
         `block` matters only where a profile has other values in each.
         """
@@ -154,7 +156,9 @@ class Candidate:
         }
 
     def unknowns_of(self, parameters: Mapping[str, float]) -> Floats:
-        """Unknowns within their bounds at which the effect has these parameters, or those that are nearest to them."""
+        """Unknowns within their bounds at which the effect has these parameters,
+        or those that are nearest to them.
+        """
         if self.coordinates is None:
             told = [u.stated is None and u.is_told for u in self.unknowns]
             found = [
@@ -179,7 +183,8 @@ class Candidate:
 
 
 def sought(parameter: str, scale: float, **more: Any) -> Callable[[str], Unknown]:
-    """An unknown that is a parameter of its effect less its null value, between the values that the effect says.
+    """An unknown that is a parameter of its effect less its null value,
+    between the values that the effect says.
 
     `more` are other fields of it; a shape counts from 0.
     """
@@ -286,7 +291,9 @@ class Problem(ABC):
         """
 
     def explanatory_variables(self) -> tuple[ExplanatoryVariable, ...]:
-        """Quantities besides columns of the log that may explain residuals: shape (m,), NaN where unknown."""
+        """Quantities besides columns of the log that may explain residuals:
+        shape (m,), NaN where unknown.
+        """
         return ()
 
     def leaner(self) -> "dict[str, Problem]":
@@ -297,7 +304,8 @@ class Problem(ABC):
         return {}
 
     def holding(self, profile: Profile) -> "tuple[Problem, Profile]":
-        """The problem on a simulator with what no unknown can represent of a profile, and the rest of the profile.
+        """The problem on a simulator with what no unknown can represent of a profile,
+        and the rest of the profile.
 
         Raises:
             ConfigError: an effect that the drives of the log's robot cannot have.
@@ -319,7 +327,9 @@ class Problem(ABC):
         return np.concatenate([candidate.absent for candidate in self.candidates])
 
     def one_by_one(self, changes: Mapping[str, float]) -> Floats:
-        """Sets of unknowns of one block: first without effects, then with one changed unknown each, by its name."""
+        """Sets of unknowns of one block: first without effects,
+        then with one changed unknown each, by its name.
+        """
         sets = np.tile(self.absent, (1 + len(changes), 1))
         for one, (name, value) in zip(sets[1:], changes.items(), strict=True):
             one[self.names.index(name)] = value

@@ -19,7 +19,9 @@ def to_vector(quaternion: Floats) -> Floats:
 
 
 def turned(quaternion: Floats, vector: Floats) -> Floats:
-    """Rotations followed by a small one in the turned frame, to first order: shapes (..., 4) and (..., 3) [rad]."""
+    """Rotations followed by a small one in the turned frame, to first order:
+    shapes (..., 4) and (..., 3) [rad].
+    """
     w, v, half = quaternion[..., :1], quaternion[..., 1:], 0.5 * vector
     scalar = w - np.sum(v * half, axis=-1, keepdims=True)
     return normalised(np.concatenate([scalar, v + w * half + np.cross(v, half)], axis=-1))

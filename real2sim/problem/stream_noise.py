@@ -50,7 +50,8 @@ class StreamNoise:
 
 
 def read_noise(time_s: Floats, values: Floats) -> StreamNoise:
-    """Noise of a stream whose columns are alike, from means over `MEAN_S`; `values` has shape (n, columns).
+    """Noise of a stream whose columns are alike, from means over `MEAN_S`;
+    `values` has shape (n, columns).
 
     Streams with longer time steps are used as they are. At least 0.2 s are needed.
     """
@@ -68,17 +69,23 @@ def read_noise(time_s: Floats, values: Floats) -> StreamNoise:
 
 
 def quiet_sigma(values: Floats) -> float:
-    """Standard deviation of white noise beside which something else is there in all but a share of the time."""
+    """Standard deviation of white noise beside which something else is there
+    in all but a share of the time.
+    """
     return float(np.quantile(np.abs(values), QUIET_SHARE) / norm.ppf(0.5 + 0.5 * QUIET_SHARE))
 
 
 def rotation_columns(quaternion: Floats) -> Floats:
-    """Columns with the noise of the rotation vector [rad]: four components share the noise of three axes."""
+    """Columns with the noise of the rotation vector [rad]:
+    four components share the noise of three axes.
+    """
     return np.asarray(2.0 * np.sqrt(4.0 / 3.0) * quaternion)
 
 
 def _before_high_pass(power: float, product: float) -> tuple[float, float]:
-    """Standard deviation and correlation of first-order noise from its power and lagged product after the high pass."""
+    """Standard deviation and correlation of first-order noise
+    from its power and lagged product after the high pass.
+    """
     passed = np.eye(HIGH_PASS_MEANS)[HIGH_PASS_MEANS // 2] - savgol_coeffs(
         HIGH_PASS_MEANS, HIGH_PASS_ORDER
     )

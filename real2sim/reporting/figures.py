@@ -113,7 +113,9 @@ def residual_figure(before: Channel, after: Channel) -> go.Figure:
 
 
 def rms_by(variable: ExplanatoryVariable, residual: Floats) -> tuple[Floats, Floats]:
-    """Mean of the variable and RMS of the residual, in bins of equal count or at each of few values."""
+    """Mean of the variable and RMS of the residual,
+    in bins of equal count or at each of few values.
+    """
     values, where = np.unique(variable.values, return_inverse=True)
     if len(values) > BINS:
         edges = np.unique(np.quantile(variable.values, np.linspace(0.0, 1.0, BINS + 1)))

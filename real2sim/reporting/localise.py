@@ -231,7 +231,8 @@ MOVING = 0.05  # rad/s, one sigma of dq: below it the direction is noise
 def channels_of(
     problem: Problem, log: RunLog, residuals: Floats, chosen: NDArray[np.bool_] | None = None
 ) -> tuple[Channel, ...]:
-    """Residuals of a problem, one channel for each signal of each block, with their explanatory variables.
+    """Residuals of a problem, one channel for each signal of each block,
+    with their explanatory variables.
 
     Residuals, and the rows of them that are `chosen` (all by default), have the shape (blocks, m).
     """

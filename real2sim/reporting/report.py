@@ -107,7 +107,9 @@ def _meaning(verdict: Verdict) -> str:
 
 
 def _effects(verdict: Verdict, findings: Sequence[Findings]) -> list[tuple[str, ...]]:
-    """Values of the effects, of the members of sets as they fit alone, and of the best model of what has no name."""
+    """Values of the effects, of the members of sets as they fit alone,
+    and of the best model of what has no name.
+    """
     rivals = [rival for each in findings for rival in each.rivals]
     return [
         (effect.name, ", ".join(places(effect)), name, f"{found.value:.4g}",
@@ -148,7 +150,9 @@ def _residuals(comparison: SensorResult, residuals: Residuals) -> ShownResiduals
 
 
 def _known(profile: Profile, name: str, unit: str) -> str:
-    """Returns what a profile gives the first parameter of an effect with this unit, or where it changes nothing."""
+    """Returns what a profile gives the first parameter of an effect with this unit,
+    or where it changes nothing.
+    """
     of_unit = (
         [each for each in fields(EFFECTS[name]) if each.metadata.get("unit") == unit]
         if name in EFFECTS

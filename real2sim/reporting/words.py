@@ -1,4 +1,6 @@
-"""A verdict in words: a sentence, values, what the seeds of simulated runs drew, and the commands that come next."""
+"""A verdict in words: a sentence, values, what the seeds of simulated runs drew,
+and the commands that come next.
+"""
 
 import shlex
 from collections.abc import Mapping, Sequence
@@ -25,7 +27,9 @@ MOST_PLACES = 4  # one of each leg; more are counted
 
 
 def sentence(verdict: Verdict, profile: Profile = IDEAL) -> str:
-    """The verdict on a simulator with this profile in a sentence, and a second one if effects of it do not fit."""
+    """The verdict on a simulator with this profile in a sentence,
+    and a second one if effects of it do not fit.
+    """
     if verdict.verdict == "bad_log":
         return f"The log contradicts itself, so nothing was fitted to it: {verdict.log_faults[0]}"
     if verdict.verdict == "no_gap":
@@ -55,7 +59,8 @@ def sentence(verdict: Verdict, profile: Profile = IDEAL) -> str:
 
 
 def value_lines(verdict: Verdict) -> list[str]:
-    """A line for each effect that is named, or else is nearest to what has no name, with values and 90 % intervals.
+    """A line for each effect that is named, or else is nearest to what has no name,
+    with values and 90 % intervals.
 
     An effect with values of its own at many places has a line for some of them.
     """
@@ -174,7 +179,9 @@ def drawn_lines(judgement: Judgement) -> list[str]:
 
 
 def is_drawn(effect: FoundEffect, logs: Sequence[RunLog]) -> bool:
-    """True of a camera latency that is, within a policy step, the one that a simulated run's seed drew."""
+    """True of a camera latency that is, within a policy step,
+    the one that a simulated run's seed drew.
+    """
     if effect.name != CameraLatency.name or "latency" not in effect.params:
         return False
     latencies = [_latency_s(log, trial) for log in logs if (trial := _trial(log)) is not None]

@@ -101,7 +101,8 @@ def causes(
     *,
     is_rate_measured: bool = True,
 ) -> Causes:
-    """Compares the causes on rows of one drive, as they are or in slow motion: where one tells more.
+    """Compares the causes on rows of one drive, as they are or in slow motion:
+    where one tells more.
 
     Args:
         torque: As the drive tells it, shape (rows,).

@@ -1,4 +1,6 @@
-"""Faults of rows and clocks: values that are not numbers, time that runs backwards, lost or repeated rows."""
+"""Faults of rows and clocks: values that are not numbers,
+time that runs backwards, lost or repeated rows.
+"""
 
 from collections.abc import Iterator
 

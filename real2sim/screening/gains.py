@@ -100,7 +100,9 @@ def gain_faults(log: RunLog) -> Iterator[Fault]:
 
 
 def angle_scale_faults(log: RunLog) -> Iterator[Fault]:
-    """A fault of q and q_des together: dq is the rate of q, and the drives' kp is as claimed, but for one factor."""
+    """A fault of q and q_des together: dq is the rate of q,
+    and the drives' kp is as claimed, but for one factor.
+    """
     joints = log.joints
     if joints.tau_est is None or joints.dq is None or untold(log):
         return
@@ -175,7 +177,9 @@ def _regressions(log: RunLog, torque: Floats) -> list["_Regression"]:
 
 
 def _in_force(joints: JointTable, when_s: Floats) -> tuple[Indices, Indices]:
-    """Rows of the commands in force at two instants in the step of a drive that begins at given times."""
+    """Rows of the commands in force at two instants in the step
+    of a drive that begins at given times.
+    """
     first, second = (
         np.searchsorted(joints.time_s, when_s + part, side="right") - 1 for part in STEP_PARTS_S
     )
@@ -192,7 +196,9 @@ class _Commands:
         self._known: dict[float, tuple[tuple[Indices, Indices], Floats]] = {}
 
     def mean(self, rows: tuple[Indices, Indices]) -> Floats:
-        """Over the steps of the drives, shape (joints, rows), or (joints, 1) where all commands are alike."""
+        """Over the steps of the drives, shape (joints, rows),
+        or (joints, 1) where all commands are alike.
+        """
         if self._is_constant:
             return self._commands[:, :1]
         first, second = (np.take(self._commands, each, axis=1) for each in rows)

@@ -1,4 +1,5 @@
-"""Compares the mean torque of each joint with the weight that it holds, which tells left from right.
+"""Compares the mean torque of each joint with the weight that it holds,
+which tells left from right.
 
 Over a motion that returns to its start, accelerations and friction average out, and the drive holds
 the weight of the limb. If the torque is opposite to the weight, the joint's columns have the wrong
@@ -39,7 +40,9 @@ GAIN_RANGE = (
 
 
 def gravity_faults(log: RunLog) -> Iterator[Fault]:
-    """Faults of joints of a held robot that hold the opposite of their weight, too much or too little."""
+    """Faults of joints of a held robot that hold the opposite of their weight,
+    too much or too little.
+    """
     if log.meta.get("base") != "fixed" or log.base is not None or untold(log):
         return
     names = list(log.meta["joints"])
@@ -102,7 +105,9 @@ def feedforward_faults(log: RunLog) -> Iterator[Fault]:
 
 
 def _weight_of_joints(log: RunLog, by_gains: Floats, extra: Floats) -> tuple[Floats, Floats]:
-    """Weight of a held robot's joints less what gains hold in slow motion, and tau_ff [Nm], (rows, joints)."""
+    """Weight of a held robot's joints less what gains hold in slow motion,
+    and tau_ff [Nm], (rows, joints).
+    """
     width = max(1, round(SLOW_S / float(np.median(np.diff(log.joints.time_s)))))
     rows = np.unique(np.linspace(0, len(log.joints.q) - 1, STATES).astype(int))
     q, gained, part = (

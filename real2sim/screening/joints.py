@@ -236,7 +236,9 @@ def _signs(slow: _SlowMotion) -> Iterator[Fault]:
 
 
 def _ratio(slow: _SlowMotion) -> Iterator[Fault]:
-    """A joint that follows with a constant factor: a gear or linkage ratio is counted twice or not at all."""
+    """A joint that follows with a constant factor:
+    a gear or linkage ratio is counted twice or not at all.
+    """
     correlation, slope = _follow(slow)
     low, high = RATIO_RANGE
     wrong = (

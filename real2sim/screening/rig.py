@@ -123,7 +123,9 @@ def _order_by_feet(log: RunLog) -> Iterator[Fault]:
 
 
 def _is_upright(quaternions: Floats) -> bool:
-    """Tells a wrong order from a gyroscope with flipped signs, beside which robots would hang upside down."""
+    """Tells a wrong order from a gyroscope with flipped signs,
+    beside which robots would hang upside down.
+    """
     return float(np.median(rotation_matrix(quaternions)[:, 2, 2])) > TILT
 
 

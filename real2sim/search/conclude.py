@@ -1,4 +1,6 @@
-"""From fitted models to findings: ruling, values and places, gap on test segments, smallest detectable effects."""
+"""From fitted models to findings: ruling, values and places,
+gap on test segments, smallest detectable effects.
+"""
 
 from collections.abc import Callable, Collection, Sequence
 
@@ -29,9 +31,10 @@ LASTING, UNEVEN = 0.4, 3.0
 up to this part of the least power that counts as a gap, and in one segment up to so many times as
 much as in most."""
 ALONE = 2.0
-"""Times the least RMS of a gap that one segment of one signal must show if no other shows any, nor a
-repeat of its motion: of several hundred such cells one may have a level of noise that is not known
-well, as where one window is left of a segment and a foot rests there otherwise than simulated."""
+"""Times the least RMS of a gap that one segment of one signal must show if no other shows any, nor
+a repeat of its motion: of several hundred such cells one may have a level of noise that is not
+known well, as where one window is left of a segment and a foot rests there otherwise than
+simulated."""
 WORSE = 1.5
 """Ratio of a signal's gap after to before from which a model does not explain the log, whatever it
 does for others: a dead zone of a drive looks like play in angles, but not in velocities. True
@@ -193,7 +196,8 @@ def _unnamed(problem: Problem, comparison: ModelComparison, null: ScoredFit) -> 
 
 
 def _is_shown_once(problem: Problem, residuals: Floats, least: float) -> bool:
-    """True where one segment alone shows a gap, in whatever signals, and no repeat of its motion does.
+    """True where one segment alone shows a gap, in whatever signals,
+    and no repeat of its motion does.
 
     A foot that rests otherwise moves all joints of its leg. Segments count as a whole, with what
     fits have not seen.

@@ -189,7 +189,8 @@ def _replaces(
 def _dispersion_of(
     comparison: ModelComparison, held: ScoredFit, rival: ScoredFit, dispersion: float
 ) -> float:
-    """Dispersion of what a rival gains: its own where its new effects change residuals that no other unknown does.
+    """Dispersion of what a rival gains: its own
+    where its new effects change residuals that no other unknown does.
 
     How many images were lost is no less certain because depths scatter in a way of their own.
     """
@@ -292,7 +293,8 @@ def ambiguities(
     dispersion: float,
     collinear: float,
 ) -> dict[str, list[str]]:
-    """For each effect of the chosen model, the other effects that may stand in its place, likeliest first.
+    """For each effect of the chosen model, the other effects that may stand in its place,
+    likeliest first.
 
     These are effects of models of the same size over which the chosen model has no lead beyond
     chance and the disagreement of simulators, and effects collinear with the chosen one, if a model

@@ -101,7 +101,8 @@ def places_of(problem: Problem, comparison: ModelComparison, fit: Fit, effect: s
 def _misfit_norm(
     comparison: ModelComparison, fit: Fit, block: int, candidate: Candidate, own: Indices
 ) -> Floats:
-    """Norm by which a true effect may differ from its model along the signature of each unknown, shape (own,).
+    """Norm by which a true effect may differ from its model along the signature of each unknown,
+    shape (own,).
 
     It is a share of what the unknown adds, and a shape of what the whole effect adds: that of two
     correct models; and `ALONG` of what the model leaves where the signature shows. `own` are the
@@ -170,7 +171,9 @@ def each_alone(problem: Problem, places: list[Place], least: float) -> list[Grou
 
 
 def each_trace(places: list[Place], least: float) -> list[Group]:
-    """Every place at which the effect has an RMS of `least`, and the place that shows it best, with its own value."""
+    """Every place at which the effect has an RMS of `least`,
+    and the place that shows it best, with its own value.
+    """
     least = min(least, max(place.rms for place in places))
     return [_pool([place]) for place in places if place.rms >= least]
 
@@ -192,7 +195,9 @@ def present_at(problem: Problem, places: list[Place], least: float) -> list[int]
 
 
 def stated_apart(problem: Problem, one: Group) -> list[Group]:
-    """The group, in parts where its value means other parameters, as it counts from what a profile has there."""
+    """The group, in parts where its value means other parameters,
+    as it counts from what a profile has there.
+    """
     parts: dict[tuple[float, ...], list[Place]] = {}
     for place in one.places:
         told = problem.candidates[place.candidate].parameters(one.value, place.block)
@@ -259,7 +264,8 @@ def _sized(candidate: Candidate) -> Indices:
 
 
 def _with_unseen(covariance: Floats, candidate: Candidate) -> Floats:
-    """Covariance in which unknowns without influence on residuals may be anywhere within their bounds.
+    """Covariance in which unknowns without influence on
+    residuals may be anywhere within their bounds.
 
     It can be inverted, also where residuals tell only a sum of two unknowns.
     """
@@ -270,7 +276,9 @@ def _with_unseen(covariance: Floats, candidate: Candidate) -> Floats:
 
 
 def _weights(places: list[Place], share: float) -> list[Floats]:
-    """Inverse covariances of estimates, with a model error that is a share of the most certain value."""
+    """Inverse covariances of estimates, with a model error
+    that is a share of the most certain value.
+    """
     surest = max(places, key=lambda place: place.rms)
     largest = np.abs(surest.value)
     return [
@@ -301,7 +309,9 @@ def _by_kind(problem: Problem, places: list[Place]) -> list[list[Place]]:
 
 
 def _between(kind: Group, kinds: list[Group]) -> Floats:
-    """Inverse covariance of the value of a kind, with drives that differ by a share of the largest value."""
+    """Inverse covariance of the value of a kind,
+    with drives that differ by a share of the largest value.
+    """
     share = (
         SAME * np.max([np.abs(each.value) for each in kinds], axis=0) / np.sqrt(len(kind.places))
     )

@@ -1,4 +1,5 @@
-"""Fits of models to the residuals of a problem: few simulations, many models and all blocks at once.
+"""Fits of models to the residuals of a problem:
+few simulations, many models and all blocks at once.
 
 Levenberg-Marquardt with Broyden's update: a Jacobian is computed once by finite differences, and
 every trial corrects it. All models share one call of the problem per iteration. Blocks accept or
@@ -90,7 +91,9 @@ def all_slopes(
     points: Sequence[tuple[Floats, Floats, Indices]],
     stage: str,
 ) -> list[Floats]:
-    """`slopes` at several points, of which each has unknowns, residuals and columns, by one call of the problem."""
+    """`slopes` at several points, of which each has unknowns,
+    residuals and columns, by one call of the problem.
+    """
     moves = [_moves(layout, unknowns, columns) for unknowns, _, columns in points]
     moved = evaluate(stage, np.concatenate([sets for sets, _ in moves]))
     parts = np.split(moved, np.cumsum([len(sets) for sets, _ in moves])[:-1])
@@ -101,7 +104,9 @@ def all_slopes(
 
 
 def _moves(layout: Layout, unknowns: Floats, columns: Indices) -> tuple[Floats, Floats]:
-    """The sets of a finite difference, shape (columns, blocks, unknowns), and its steps, shape (blocks, columns)."""
+    """The sets of a finite difference, shape (columns, blocks, unknowns),
+    and its steps, shape (blocks, columns).
+    """
     here = unknowns[:, columns]
     step = np.where(here == 0.0, layout.first[columns], STEP * layout.scale[columns])
     step = np.where(here + step > layout.high[columns], -step, step)
@@ -128,7 +133,9 @@ def begun(
 
 
 def fitted_null(problem: Problem, evaluate: Evaluator, layout: Layout) -> tuple[Fit, Split]:
-    """The fit of the nuisances alone, the model without effects, and the split of the log by what it has to explain."""
+    """The fit of the nuisances alone, the model without effects,
+    and the split of the log by what it has to explain.
+    """
     unknowns = np.tile(problem.absent, (len(problem.blocks), 1))
     start = begun(evaluate, layout, (), layout.nuisances, unknowns, "nuisances")
     own = split(problem, start.residuals)

@@ -81,7 +81,9 @@ class Layout:
         return np.sort(np.concatenate([self.of_effects(model), self.nuisances]))
 
     def starts(self, index: int) -> list[Floats]:
-        """Different shapes from which fits of a candidate start; 0 for unknowns that are not shapes."""
+        """Different shapes from which fits of a candidate start;
+        0 for unknowns that are not shapes.
+        """
         shapes = [
             np.where(self.is_shape[self.of_candidate(index)], s, 0.0)
             for s in self.candidates[index].starts

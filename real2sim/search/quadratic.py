@@ -1,4 +1,5 @@
-"""A quadratic approximation of the cost around a point, for each short chunk of the log, and its scatter.
+"""A quadratic approximation of the cost around a point,
+for each short chunk of the log, and its scatter.
 
 With residuals r and Jacobian J at a point, |r + J d|^2 is the cost of the unknowns at the point
 plus d. Sums over chunks say without simulation which other models would fit, and their gain on
@@ -84,7 +85,8 @@ class Quadratic:
         return np.isin(self.columns, columns)
 
     def solve(self, block: int, free: Mask, held_out: int | None = None) -> Floats:
-        """Best change of a block's unknowns in the mask `free`, shape (k,), within their bounds; the others go to 0.
+        """Best change of a block's unknowns in the mask `free`,
+        shape (k,), within their bounds; the others go to 0.
 
         The fit does not see the fold `held_out`, nor the test.
         """
@@ -115,7 +117,9 @@ class Quadratic:
         )
 
     def held_out_cost(self, free: Mask) -> Floats:
-        """Cost of every chunk in a fit without its fold, shape (blocks, chunks); no fit sees test chunks."""
+        """Cost of every chunk in a fit without its fold, shape (blocks, chunks);
+        no fit sees test chunks.
+        """
         cost = np.zeros_like(self.cost)
         for block in range(len(self.cost)):
             unseen = self.split.fold == TEST
@@ -203,7 +207,8 @@ def downside(gains: Floats) -> float:
 
 
 def covariance(quadratic: Quadratic, block: int, free: Mask) -> Floats:
-    """Covariance of the fitted unknowns for residuals of any colour, shape (k, k); 0 where not free.
+    """Covariance of the fitted unknowns for residuals of any colour,
+    shape (k, k); 0 where not free.
 
     The sandwich estimate H^-1 (sum of g g^T over chunks) H^-1, nowhere smaller than that of white
     noise.
@@ -224,7 +229,9 @@ def covariance(quadratic: Quadratic, block: int, free: Mask) -> Floats:
 
 
 def white_covariance(quadratic: Quadratic, block: int, free: Mask) -> Floats:
-    """Covariance of the fitted unknowns for white residuals of one sigma, shape (k, k); 0 where not free."""
+    """Covariance of the fitted unknowns for white residuals of one sigma,
+    shape (k, k); 0 where not free.
+    """
     hessian = quadratic.information(block)
     active = _known(hessian, free)
     own = np.ix_(active, active)

@@ -1,4 +1,6 @@
-"""Remainders that differ from repeat to repeat of a motion: chance, which no effect of a library explains."""
+"""Remainders that differ from repeat to repeat of a motion:
+chance, which no effect of a library explains.
+"""
 
 import numpy as np
 
@@ -13,7 +15,8 @@ LEAST_REPEATING = 0.5
 def closed_of_repeating(
     problem: Problem, tested: Cells, before: Floats, after: Floats, shows: np.ndarray
 ) -> float:
-    """Share that is gone of the structure that repeats, in the cells that show any; 0 where too little of it repeats.
+    """Share that is gone of the structure that repeats, in the cells that show any;
+    0 where too little of it repeats.
 
     What repeats is the mean product of residuals of shape (blocks, m) at one time of two segments
     of one condition. `shows` has the shape (blocks, cells).

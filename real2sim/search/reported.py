@@ -1,4 +1,6 @@
-"""The values that a verdict states, fitted again where places share them, and what of a profile a log contradicts."""
+"""The values that a verdict states, fitted again where places share them,
+and what of a profile a log contradicts.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -26,7 +28,9 @@ Groups = dict[str, list[estimates.Group]]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StatedModel:
-    """Groups of each effect, all unknowns, shape (blocks, unknowns), and the residuals that they leave."""
+    """Groups of each effect, all unknowns, shape (blocks, unknowns),
+    and the residuals that they leave.
+    """
 
     groups: Groups
     unknowns: Floats
@@ -188,7 +192,9 @@ NOT_REACHED = "with and without the profile's, the log is simulated alike: it do
 
 
 def unseen_of(problem: Problem, comparison: ModelComparison, null: Fit) -> dict[str, str]:
-    """Effects of the profile that change nothing in the log by `SIZE_RMS`, and what is said of them."""
+    """Effects of the profile that change nothing in the log by `SIZE_RMS`,
+    and what is said of them.
+    """
     unknowns = null.unknowns[np.newaxis]
     traces = {
         name: each.residuals(unknowns)[0] - null.residuals
@@ -243,7 +249,9 @@ def _is_idle(problem: Problem, comparison: ModelComparison, stated: StatedModel,
 def _without_misfits(
     problem: Problem, comparison: ModelComparison, fit: Fit, seen: set[str]
 ) -> tuple[tuple[str, ...], Floats]:
-    """Effects of the profile, each of which leaves a good part less when it goes, and the residuals without them."""
+    """Effects of the profile, each of which leaves a good part less when it goes,
+    and the residuals without them.
+    """
     gone: tuple[str, ...] = ()
     while comparison.is_gap(fit.residuals) and (rest := seen - set(gone)):
         leaner = {name: each for name, each in problem.leaner().items() if name in rest}

@@ -155,7 +155,9 @@ class _Search:
         self._known.keep(fit.refine(self._evaluate, self._layout, self._split, fresh, stage=stage))
 
     def _fit_larger(self, best_so_far: Model, size: int) -> None:
-        """Fits models of up to `size` effects that the derivatives at the best model so far propose."""
+        """Fits models of up to `size` effects that the derivatives
+        at the best model so far propose.
+        """
         others = self._others(best_so_far, size - 1)
         for model in (best_so_far, *others):
             self._known.library(model)
@@ -287,7 +289,9 @@ class _Search:
         ]
 
     def _eliminate(self, model: Model) -> None:
-        """Refits the model without each of its effects, from its values: this may leave a poor minimum."""
+        """Refits the model without each of its effects, from its values:
+        this may leave a poor minimum.
+        """
         parts = [model_of(set(model) - {effect}) for effect in model]
         self._keep_better(
             self._reduced([(model, part) for part in parts], "elimination"), "elimination"
@@ -330,7 +334,9 @@ class _Search:
         self._refit([each.model for each in better], stage)
 
     def _propose(self, best_so_far: Model, size: int) -> list[Model]:
-        """Models of `size` effects, and swaps in the best one so far, that fit best by its quadratic."""
+        """Models of `size` effects, and swaps in the best one so far,
+        that fit best by its quadratic.
+        """
         quadratic = self._known.quadratic(best_so_far)
         effects = self._layout.effects
         if size == 2:
@@ -350,7 +356,8 @@ class _Search:
         return sorted(costs, key=costs.__getitem__)[:PROPOSED]
 
     def _others(self, best_so_far: Model, size: int) -> list[Model]:
-        """Further models from which larger ones are proposed: the second best, and for pairs the empty one.
+        """Further models from which larger ones are proposed:
+        the second best, and for pairs the empty one.
 
         The best may imitate the whole truth while the second best is a part of it.
         """

@@ -111,7 +111,8 @@ def _number(problem: Problem, pieces: list[tuple[Indices, int]], test: list[bool
 
 
 def _cut(time_s: Floats, length_s: float, known_s: Floats | None = None) -> list[Indices]:
-    """Rows of the parts when a stretch is cut into parts of equal duration, at least `length_s` each.
+    """Rows of the parts when a stretch is cut into parts of equal duration,
+    at least `length_s` each.
 
     What lies before and after `known_s`, by default all of `time_s`, goes with the first and the
     last part.
@@ -201,7 +202,8 @@ class Cells:
         return np.asarray(structure > np.maximum(least_rms**2, CHANCE / np.sqrt(self.counts)))
 
     def share_gone(self, before: Floats, after: Floats, shows: Mask) -> float:
-        """Share of the structure in some cells that is gone, without what chance leaves; 1 if there was none.
+        """Share of the structure in some cells that is gone,
+        without what chance leaves; 1 if there was none.
 
         Cells count equally, however many rows they have: one lost image in ten is as much of a gap
         as a bent floor.

@@ -13,7 +13,8 @@ from saltus.render.stereo.random_effect import RandomStereoEffect
 
 @dataclass(frozen=True, kw_only=True)
 class BaselineOcclusion(RandomStereoEffect, name="baseline_occlusion"):
-    """Points that the right imager does not see are invalid: a shadow to the left of every near object.
+    """Points that the right imager does not see are invalid:
+    a shadow to the left of every near object.
 
     The shadow comes from a second view (`saltus.render.renderer.StereoRenderer`), so geometry makes
     its width: f B (1 / z_near - 1 / z_far) pixels. `rejected` is the share of such pixels that the

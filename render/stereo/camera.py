@@ -1,4 +1,6 @@
-"""A stereo depth camera: true depth and what the second imager cannot see in, the camera's depth out."""
+"""A stereo depth camera: true depth and what the second imager cannot see in,
+the camera's depth out.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -88,7 +90,8 @@ UNFILTERED = StereoConfig().only(
 
 
 class StereoCamera:
-    """Turns true depth into what a stereo camera reports, for any leading batch dimensions, numpy or torch.
+    """Turns true depth into what a stereo camera reports,
+    for any leading batch dimensions, numpy or torch.
 
     `optics` are those of the images that it is given; `windows` look around pixels.
     """

@@ -12,7 +12,9 @@ LARGEST = 65535  # of the 16 bits of a pixel; what is farther is sent as 0
 
 @dataclass(frozen=True, kw_only=True)
 class DepthUnit(SingleImageEffect[DepthImage], name="depth_unit"):
-    """Rounds depth [m] to whole units; 0 is invalid, and so is what is farther than 16 bits can say."""
+    """Rounds depth [m] to whole units; 0 is invalid,
+    and so is what is farther than 16 bits can say.
+    """
 
     # 1 mm (librealsense: default of the D400 family)
     unit: float = parameter(unit="m", null=0.0, low=0.0, high=0.1)

@@ -4,7 +4,8 @@ from saltus.arrays import Images, Masks, namespace
 
 
 def discontinuity(disparity: Images, jump: float) -> Masks:
-    """Samples next to a step of more than `jump` [px] in disparity, on both sides of it, bool, shape as `disparity`.
+    """Samples next to a step of more than `jump` [px] in disparity,
+    on both sides of it, bool, shape as `disparity`.
 
     The disparity of a plane is linear in the image, so the second difference is 0 on every plane,
     however slanted.

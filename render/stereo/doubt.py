@@ -1,4 +1,5 @@
-"""Which points that the left imager sees terrain can hide from the right one: few, so few rays have to be cast.
+"""Which points that the left imager sees terrain can hide from the right one:
+few, so few rays have to be cast.
 
 Of a terrain of columns across the course: in the vertical plane along the course, let L and R be
 the imagers and P a point that L sees. The line from R to P can only be blocked where an upper
@@ -61,7 +62,9 @@ def _beside(
     baseline_m: float,
     depth: NDArray[np.float32],
 ) -> NDArray[np.bool_]:
-    """Points of which the corners do not tell all: not over the course, or seen from beside it or from within it."""
+    """Points of which the corners do not tell all:
+    not over the course, or seen from beside it or from within it.
+    """
     limit = 0.5 * columns.width - SLACK_M
     right = origin + baseline_m * rotation[..., 0]
     strange = np.zeros(len(origin), dtype=np.bool_)
@@ -81,7 +84,9 @@ def _beside(
 def _strips(
     columns: Columns, camera: Intrinsics, origin: Floats, rotation: Floats, baseline_m: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Image, first row, end of the rows, and column of each part of a column of pixels along a corner."""
+    """Image, first row, end of the rows, and column of each part
+    of a column of pixels along a corner.
+    """
     top = np.concatenate([[-np.inf], columns.top, [-np.inf]])
     corner_x, corner_z = columns.x, np.maximum(top[1:], top[:-1])
     x = (np.arange(camera.width) + 0.5 - camera.cx) / camera.fx

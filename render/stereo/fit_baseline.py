@@ -1,4 +1,6 @@
-"""Baseline from what the right imager misses: the band at the left of the image and the shadows of near things."""
+"""Baseline from what the right imager misses:
+the band at the left of the image and the shadows of near things.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -84,7 +86,9 @@ def _joined(one: Shadows, other: Shadows) -> Shadows:
 
 
 def _slope(shadows: Shadows, fx: float) -> StereoEstimate:
-    """Width over focal length times step, without outliers: shadows of something that is not in view."""
+    """Width over focal length times step, without outliers:
+    shadows of something that is not in view.
+    """
     value = float(np.median(shadows.width / shadows.step)) / fx
     for _ in range(3):
         residual = np.abs(shadows.width - value * fx * shadows.step)

@@ -53,7 +53,9 @@ def edge_curves(scene: StaticScene) -> EdgeCurves:
 
 
 def hole_fraction(curves: EdgeCurves) -> StereoEstimate:
-    """Share of pixels that is lost within the reach of `StereoEdgeHoles`, on the side that has no shadow."""
+    """Share of pixels that is lost within the reach of `StereoEdgeHoles`,
+    on the side that has no shadow.
+    """
     if curves.edges < MIN_EDGES:
         return untestable(
             f"{curves.edges} rows with a clean right edge of something near: {MIN_EDGES} are needed"

@@ -1,4 +1,6 @@
-"""Noise of the inverse depth over time: how strong, against range, and how correlated in time and in the image."""
+"""Noise of the inverse depth over time: how strong, against range,
+and how correlated in time and in the image.
+"""
 
 import math
 from dataclasses import dataclass

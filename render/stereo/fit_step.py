@@ -64,7 +64,9 @@ def fit_step(scene: StaticScene, sigma_inverse: float) -> StereoEstimate:
 def _strongest_line(
     values: Floats, quantile: float, sigma: float, unit_m: float
 ) -> tuple[float, float, float]:
-    """Prominence, frequency [m], and its error, of the strongest line of the spectrum of all that is far enough."""
+    """Prominence, frequency [m], and its error,
+    of the strongest line of the spectrum of all that is far enough.
+    """
     far = values[values <= np.quantile(values, 1.0 - quantile)]
     low, high = float(far.min()), float(far.max())
     span = high - low

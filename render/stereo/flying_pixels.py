@@ -12,7 +12,9 @@ from saltus.render.stereo.random_effect import RandomStereoEffect
 
 @dataclass(frozen=True, kw_only=True)
 class FlyingPixels(RandomStereoEffect, name="flying_pixels"):
-    """A share `fraction` of the pixels next to a depth edge has a disparity anywhere between both sides."""
+    """A share `fraction` of the pixels next to a depth edge
+    has a disparity anywhere between both sides.
+    """
 
     # not published; one in five makes the thin veil at edges that recordings show
     fraction: PerRobot = parameter(unit="", null=0.0, low=0.0, high=1.0)

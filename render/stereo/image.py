@@ -11,7 +11,9 @@ from saltus.render.stereo.windows import ARRAY_WINDOWS, Morphology
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StereoImage:
-    """Image that the matcher of a stereo camera has found so far, for any leading batch dimensions, numpy or torch."""
+    """Image that the matcher of a stereo camera has found so far,
+    for any leading batch dimensions, numpy or torch.
+    """
 
     disparity: Floats
     """Column in the left image less column in the right image [px of the sensor]; 0 where nothing

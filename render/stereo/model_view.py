@@ -1,4 +1,6 @@
-"""The fast way to what the model sees: a few rays for each of its pixels instead of the 25 of the sensor."""
+"""The fast way to what the model sees: a few rays for each
+of its pixels instead of the 25 of the sensor.
+"""
 
 from saltus.arrays import Array, Images, namespace
 from saltus.depth import VALID_SHARE
@@ -30,7 +32,9 @@ def pooled(depth: Images, rows: int, columns: int) -> Array:
 
 
 def _block_sums(values: Array, rows: int, columns: int) -> Array:
-    """Sums of blocks of `rows` times `columns` samples, shape (..., height / rows, width / columns)."""
+    """Sums of blocks of `rows` times `columns` samples,
+    shape (..., height / rows, width / columns).
+    """
     total = values[..., ::rows, :]
     for i in range(1, rows):
         total = total + values[..., i::rows, :]

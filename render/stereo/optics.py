@@ -38,7 +38,8 @@ class Optics:
     def of(
         cls, camera: Intrinsics, sensor: Intrinsics = D435I, baseline_m: float = BASELINE_M
     ) -> "Optics":
-        """The optics behind an image of any resolution with the optical axis of its sensor, in its matching mode.
+        """The optics behind an image of any resolution with the optical axis of its sensor,
+        in its matching mode.
 
         Raises:
             ConfigError: a focal length or the baseline is not above 0.

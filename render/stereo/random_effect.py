@@ -31,6 +31,8 @@ class RandomStereoEffect(Effect[StereoImage], site="depth"):
 
     @staticmethod
     def patches(signal: StereoImage, keys: Array, size: float) -> Images:
-        """Standard normal numbers that are alike within patches of that size [px], shape (..., height, width)."""
+        """Standard normal numbers that are alike within patches of that size [px],
+        shape (..., height, width).
+        """
         window = samples(size, signal.optics.pitch_y), samples(size, signal.optics.pitch_x)
         return gaussian(keys, signal.time_s, signal.truth.shape[-2:], window, signal.truth.dtype)

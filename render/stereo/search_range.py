@@ -12,7 +12,8 @@ from saltus.render.stereo.image import StereoImage
 
 @dataclass(frozen=True, kw_only=True)
 class SearchRange(SingleImageEffect[StereoImage], name="search_range"):
-    """Pixels whose match would lie beyond the range of the search, or beyond the right image, are invalid.
+    """Pixels whose match would lie beyond the range of the search,
+    or beyond the right image, are invalid.
 
     `maximum` makes the minimum depth f B / maximum. `margin` is by how much the right image goes on
     to the left of where the left image begins; at 0 there is an invalid band of f B / z pixels at

@@ -56,7 +56,9 @@ class StaticScene:
 
     @property
     def nominal(self) -> Reals:
-        """Median as the disparity [px] that the datasheet's baseline would make of it, shape (height, width)."""
+        """Median as the disparity [px] that the datasheet's baseline would make of it,
+        shape (height, width).
+        """
         return self.median * (self.fx * BASELINE_M)
 
 

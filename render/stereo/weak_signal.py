@@ -1,4 +1,6 @@
-"""Surfaces that return too little of the projected pattern cannot be matched: far ones and grazing ones."""
+"""Surfaces that return too little of the projected pattern cannot be matched:
+far ones and grazing ones.
+"""
 
 from dataclasses import dataclass, field, replace
 

@@ -14,11 +14,15 @@ class Morphology(Protocol):
     """
 
     def any_around(self, mask: Masks, rows: int, columns: int) -> Masks:
-        """True where anything is set within `rows` and `columns` of each sample, bool, shape (..., height, width)."""
+        """True where anything is set within `rows` and `columns` of each sample,
+        bool, shape (..., height, width).
+        """
         ...
 
     def range_around(self, values: Images) -> tuple[Images, Images]:
-        """The least and the largest of the nine values around each sample, both of shape (..., height, width)."""
+        """The least and the largest of the nine values around each sample,
+        both of shape (..., height, width).
+        """
         ...
 
 

@@ -41,7 +41,8 @@ class Bench:
         if not self.name:
             for name, path in sorted(files.items()):
                 said = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
-                print(f"{name:16} {said.splitlines()[0]}")
+                summary = said.partition("\n\n")[0].replace("\n", " ")
+                print(f"{name:16} {summary}")
             return 0
         check_known("there is no benchmark", self.name, files, error=SaltusError)
         file = files[self.name].relative_to(folder.parent)

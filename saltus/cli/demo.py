@@ -111,7 +111,9 @@ class Demo(JsonOption, RunOptions):
 
 
 def run_stack(config: RunConfig, directory: Path) -> None:
-    """Runs the processes until the robot has finished, with a progress bar over the course on a terminal."""
+    """Runs the processes until the robot has finished,
+    with a progress bar over the course on a terminal.
+    """
     from tqdm import tqdm
 
     from saltus.runtime.stack import Stack

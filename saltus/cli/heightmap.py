@@ -194,7 +194,8 @@ class Serve(ScanOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class Give:
-    """Gives a model to a heightmap service that runs in real time, which checks it and warms it up first.
+    """Gives a model to a heightmap service that runs in real time,
+    which checks it and warms it up first.
 
     Ends when the check is over: with 0 where the model is accepted, with 1 where it is refused. The
     service's events say when each robot has it.

@@ -353,7 +353,8 @@ class Merge:
 
 @dataclass(frozen=True, kw_only=True)
 class Export:
-    """Writes a dataset in a form that others read: a LeRobot dataset (v3.0) of plain Parquet, described in Croissant.
+    """Writes a dataset in a form that others read:
+    a LeRobot dataset (v3.0) of plain Parquet, described in Croissant.
 
     Example: saltus heightmap dataset export runs/dataset --out runs/exported
     """

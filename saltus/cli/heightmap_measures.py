@@ -1,4 +1,6 @@
-"""`saltus heightmap check`, `report` and `eval`: whether heights can be trusted, and how wrong they are."""
+"""`saltus heightmap check`, `report` and `eval`:
+whether heights can be trusted, and how wrong they are.
+"""
 
 import sys
 from dataclasses import dataclass
@@ -31,8 +33,8 @@ class Report(JsonOption):
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional, AT_LEAST_ONE]
     """Recorded runs (.mcap), whole or damaged, with ground truth or without."""
     model: Annotated[tuple[str, ...], shown("MODEL [MODEL ...]", "none")] = ()
-    """To compare, on the same depth: paths of ONNX files, "geometric" (deprojection), or "geometric-feet" (the same,
-    its map held to the feet that stand)."""
+    """To compare, on the same depth: paths of ONNX files, "geometric" (deprojection), or
+    "geometric-feet" (the same, its map held to the feet that stand)."""
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-heightmap-report")] = None
     """Folder for report.html."""
 
@@ -90,7 +92,9 @@ class Check(EndpointOption, JsonOption):
     """With --run-dir: how long to listen."""
 
     def run(self) -> int:
-        """Prints a line for each thing that heights rest on, and a verdict; returns 1 if one is bad."""
+        """Prints a line for each thing that heights rest on,
+        and a verdict; returns 1 if one is bad.
+        """
         from tempfile import TemporaryDirectory
 
         check_between(self, seconds=(0.5, 600.0))
@@ -152,7 +156,8 @@ BAR = "{l_bar}{bar}| {elapsed}<{remaining}{postfix}"
 
 @dataclass(frozen=True, kw_only=True)
 class Eval(RobotOption, ModelOptions, JsonOption):
-    """Measures a predictor in held-out runs, with policy and predictor in the loop, beside deprojection alone.
+    """Measures a predictor in held-out runs,
+    with policy and predictor in the loop, beside deprojection alone.
 
     For example:
       saltus heightmap eval --runs 20 --baselines
@@ -160,8 +165,8 @@ class Eval(RobotOption, ModelOptions, JsonOption):
     """
 
     runs: int = 200
-    """How many, in batches of 20: half of a batch on courses that both planners master, half on harder ones. The
-    learned policy and the scripted planner drive a batch in turns."""
+    """How many, in batches of 20: half of a batch on courses that both planners master,
+    half on harder ones. The learned policy and the scripted planner drive a batch in turns."""
     seed: int = 0
     """Seed of courses, trials and cameras; whatever it is, no training draws the same."""
     terrains: tuple[str, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")
@@ -172,8 +177,8 @@ class Eval(RobotOption, ModelOptions, JsonOption):
     Or a TOML file.
     """
     baselines: tuple[str, ...] = ("geometric", "geometric-feet")
-    """Predictors without training that are shown the same images: geometric, geometric-feet; none by --baselines
-    alone."""
+    """Predictors without training that are shown the same images:
+    geometric, geometric-feet; none by --baselines alone."""
     time_limit_s: float = 10.0
     """Time limit of a run."""
     processes: Annotated[int | None, shown("INT", "one for each core")] = None

@@ -26,7 +26,9 @@ QUIET_S = 0.2
 
 @dataclass(frozen=True, kw_only=True)
 class SettingsCommand:
-    """A command with `settings`, from flags, a TOML file, the run that goes on, and defaults, the former first."""
+    """A command with `settings`, from flags, a TOML file,
+    the run that goes on, and defaults, the former first.
+    """
 
     settings: Any
     config: Annotated[Path | None, shown("PATH", "none")] = None

@@ -71,7 +71,8 @@ mujoco/rendering/classic/gl_context.py)."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command and returns its exit code: 0, 1 (it ran and failed), 2 (bad input), 130 (interrupted).
+    """Runs one command and returns its exit code:
+    0, 1 (it ran and failed), 2 (bad input), 130 (interrupted).
 
     SIGTERM and SIGHUP end it as Ctrl-C does, and then end this process by the same signal.
     """
@@ -182,7 +183,9 @@ def _imported(name: str) -> type:
 
 
 def _described(name: str) -> type:
-    """A stand-in for it that says the same in its first sentence, without what running it would import."""
+    """A stand-in for it that says the same in its first sentence,
+    without what running it would import.
+    """
     source = ast.parse(Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8"))
     (found,) = (
         node

@@ -94,7 +94,9 @@ def print_json(table: Mapping[str, object]) -> None:
 
 
 def print_figures(figures: Mapping[str, object], indent: str = "") -> None:
-    """Prints figures for people: one a line, and a table where several rows have figures of the same names."""
+    """Prints figures for people: one a line,
+    and a table where several rows have figures of the same names.
+    """
     width = max(map(len, figures), default=0)
     for name, value in figures.items():
         rows = _rows(value)

@@ -13,7 +13,8 @@ from saltus.flags import Runnable, shown
 
 @dataclass(frozen=True, kw_only=True)
 class PaperCommand:
-    """Makes the paper's tables and figures again from the shipped models: lists them, makes one, or a page of all.
+    """Makes the paper's tables and figures again from the shipped models:
+    lists them, makes one, or a page of all.
 
     They are part of a checkout, not of a wheel. There `saltus paper --help` says more.
     """

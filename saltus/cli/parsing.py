@@ -38,7 +38,9 @@ def parse(kind: Any, arguments: Sequence[str] | None, *, prog: str, description:
 
 
 def _defaults_of(command: Any) -> Any:
-    """The command with its method `defaults` applied, e.g. to the training that it resumes; None for others."""
+    """The command with its method `defaults` applied,
+    e.g. to the training that it resumes; None for others.
+    """
     if hasattr(command, "defaults"):
         # The command line is read once more: a flag that it turns on would be turned off where it
         # is the default.
@@ -71,7 +73,9 @@ def _read(
 
 
 def _check_seeds(command: object) -> None:
-    """Checks seeds of the command and of those that it holds: numpy's generators and TOML both take them."""
+    """Checks seeds of the command and of those that it holds:
+    numpy's generators and TOML both take them.
+    """
     for name, value in vars(command).items():
         if name in ("seed", "first_seed") and value is not None and not 0 <= value <= LARGEST_SEED:
             raise SaltusError(f"{name} = {value}: it must be from 0 to {LARGEST_SEED}")
@@ -92,7 +96,9 @@ def _one_line(box: str) -> str:
 
 
 def _unknown(said: str, parts: list[list[str]]) -> str:
-    """Error for a word that is not understood, with what is like it among the commands or flags that tyro lists."""
+    """Error for a word that is not understood,
+    with what is like it among the commands or flags that tyro lists.
+    """
     word = said.partition("options:")[2].split()[0].rstrip(",")
     listed: dict[str, list[str]] = {}
     for first, *more in parts[1:]:

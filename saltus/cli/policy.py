@@ -55,8 +55,9 @@ class Eval(ModelOptions, HardwareOptions, RobotOption, JsonOption):
     seed: int = 0
     """Seed of the first trial; the others have SEED + 1, SEED + 2, ..."""
     heightmap: Literal["true", "true-exact", "predicted"] = "true"
-    """true: the terrain, shifted by up to 8 cm ahead and 5 cm up as the trial says. true-exact: the terrain as it is.
-    predicted: what the heightmap service makes of late depth images (--heightmap-model)."""
+    """true: the terrain, shifted by up to 8 cm ahead and 5 cm up as the trial says. true-exact: the
+    terrain as it is. predicted: what the heightmap service makes of late depth images
+    (--heightmap-model)."""
     camera: str = "d435i"
     """With --heightmap predicted. d435i: with the errors of a stereo camera. ideal: true depth.
 

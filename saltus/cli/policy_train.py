@@ -1,4 +1,6 @@
-"""`saltus policy train`, and this module under torchrun, where N processes learn together on N GPUs."""
+"""`saltus policy train`, and this module under torchrun,
+where N processes learn together on N GPUs.
+"""
 
 import signal
 import sys

@@ -1,4 +1,6 @@
-"""`saltus real2sim`: what the simulator lacks, found in run logs, added to a profile, and shown to be gone."""
+"""`saltus real2sim`: what the simulator lacks, found in run logs,
+added to a profile, and shown to be gone.
+"""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -24,7 +26,8 @@ from saltus.robots.shipped import DEFAULT_ROBOT
 
 @dataclass(frozen=True, kw_only=True)
 class Cycle(JsonOption, SettingsCommand):
-    """Logs a robot, finds what the simulator lacks, trains with it, and measures the robot before and after.
+    """Logs a robot, finds what the simulator lacks, trains with it,
+    and measures the robot before and after.
 
     Goes on where it was stopped: a stage that is done is not repeated. Without a GPU the predictor
     alone is trained. The settings can also stand in a TOML file (--config). A flag wins over it,
@@ -45,8 +48,8 @@ class Cycle(JsonOption, SettingsCommand):
         )
     )
     export_training: Annotated[Path | None, shown("PATH", "none, train here")] = None
-    """Folder to write for a machine with a GPU: profile, checkpoints, settings and commands, which make the data there;
-    nothing is trained here."""
+    """Folder to write for a machine with a GPU: profile, checkpoints,
+    settings and commands, which make the data there; nothing is trained here."""
     take_training: Annotated[Path | None, shown("PATH", "none, train here")] = None
     """Such a folder with the models that were trained there."""
 
@@ -98,8 +101,8 @@ class Find(JsonOption):
     """
 
     runs: Annotated[tyro.conf.Positional[tuple[Path, ...]], AT_LEAST_ONE]
-    """Folders of run logs, or of runs of Saltus, whose logs are written into OUT/logs. Logs that claim the same rig are
-    read as one."""
+    """Folders of run logs, or of runs of Saltus,
+    whose logs are written into OUT/logs. Logs that claim the same rig are read as one."""
     out: Annotated[Path | None, NEW_FOLDER] = None
     """Folder for the results."""
     profile: str = "ideal"
@@ -111,7 +114,9 @@ class Find(JsonOption):
     """Write report.html, which takes two seconds more."""
 
     def run(self) -> int:
-        """Prints what was found; 0, or 1 where a log contradicts itself, so that nothing could be looked for."""
+        """Prints what was found; 0, or 1 where a log contradicts itself,
+        so that nothing could be looked for.
+        """
         from saltus.api import find_effects
         from saltus.real2sim.reporting.words import lines
 
@@ -144,8 +149,8 @@ class Import:
     """
 
     recording: tyro.conf.Positional[Path]
-    """Folder or recording.mcap of a run of Saltus; folder or file of a rosbag2; a ROS 1 bag; or a table of joints: text
-    with any separator, Parquet or npz."""
+    """Folder or recording.mcap of a run of Saltus; folder or file of a rosbag2;
+    a ROS 1 bag; or a table of joints: text with any separator, Parquet or npz."""
     description: Annotated[Path | None, shown("PATH", "none")] = None
     """TOML that says what a bag or a table does not say of itself (docs/tutorials/log.md)."""
     robot: str = DEFAULT_ROBOT
@@ -183,7 +188,8 @@ class Import:
 
 @dataclass(frozen=True, kw_only=True)
 class Apply(RobotOption, JsonOption):
-    """Adds the effects of a patch to a profile of your own, which other commands then take with --profile.
+    """Adds the effects of a patch to a profile of your own,
+    which other commands then take with --profile.
 
     For example:
       saltus real2sim apply runs/found/patch.toml --profile mine
@@ -198,8 +204,8 @@ class Apply(RobotOption, JsonOption):
     If there is one of this name, the patch is put into it.
     """
     base: str = "ideal"
-    """Profile to begin with if there is none of this name yet: shipped (the robot's), ideal, one of your own, or a TOML
-    file. Shipped keeps the effects that your logs cannot show."""
+    """Profile to begin with if there is none of this name yet: shipped (the robot's), ideal,
+    one of your own, or a TOML file. Shipped keeps the effects that your logs cannot show."""
 
     def run(self) -> int:
         """Writes profiles/NAME.toml."""
@@ -243,7 +249,8 @@ class Apply(RobotOption, JsonOption):
 
 @dataclass(frozen=True, kw_only=True)
 class Experiments(RobotOption, JsonOption):
-    """Lists motions that make effects visible, or runs one on the simulated robot and writes a run log.
+    """Lists motions that make effects visible,
+    or runs one on the simulated robot and writes a run log.
 
     For example:
       saltus real2sim experiments
@@ -338,7 +345,8 @@ def _described(experiment: "Experiment", robot: "Robot") -> dict[str, object]:
 
 @dataclass(frozen=True, kw_only=True)
 class Demo(RobotOption, JsonOption):
-    """Hides an effect in a simulated robot, finds it in a log, adds it to the simulator and looks again.
+    """Hides an effect in a simulated robot, finds it in a log,
+    adds it to the simulator and looks again.
 
     Example: saltus real2sim demo --seed 3
     """

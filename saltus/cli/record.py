@@ -29,7 +29,9 @@ class Run(EndpointOption):
     """Folder for the recording."""
 
     def run(self) -> int:
-        """Writes recording.mcap; 0 where the stack ended, 130 after Ctrl-C (the recording is closed either way)."""
+        """Writes recording.mcap; 0 where the stack ended,
+        130 after Ctrl-C (the recording is closed either way).
+        """
         record(self.run_dir, self.endpoint, self._begin)
         return 0
 
@@ -42,7 +44,8 @@ class Run(EndpointOption):
 def record(
     run_dir: Path, endpoint: str | None, begin: Callable[[], Path], seconds: float = math.inf
 ) -> None:
-    """Records a stack until its router is gone, or for so long [s]; `begin`, called when there is one, says where to.
+    """Records a stack until its router is gone, or for so long [s];
+    `begin`, called when there is one, says where to.
 
     Raises:
         StackError: no router answers at the endpoint, by default that of the folder of the run.

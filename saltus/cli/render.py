@@ -1,4 +1,6 @@
-"""`saltus render`: see the camera, fit its noise and its place to a real one, run the camera process."""
+"""`saltus render`: see the camera, fit its noise and its place to a real one,
+run the camera process.
+"""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +17,8 @@ from saltus.robots.loading import load_robot
 
 @dataclass(frozen=True, kw_only=True)
 class Preview(RobotOption):
-    """Writes the course from the side and what the camera sees: true depth, its effects, the model's image.
+    """Writes the course from the side and what the camera sees:
+    true depth, its effects, the model's image.
 
     For example:
       saltus render preview --terrain stairs
@@ -56,8 +59,8 @@ class Fit(JsonOption):
     recording: Annotated[Path, tyro.conf.Positional]
     """A RealSense recording (.bag, .db3) or a recorded run (.mcap), without post-filters."""
     out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-render-fit")] = None
-    """Folder for camera.toml, which --camera takes and which says what each parameter rests on, and for stereo.html,
-    measurements and model."""
+    """Folder for camera.toml, which --camera takes and which says what each parameter rests on,
+    and for stereo.html, measurements and model."""
 
     def run(self) -> int:
         """Writes both files and prints what was found, parameter by parameter."""
@@ -78,7 +81,8 @@ class Fit(JsonOption):
 
 @dataclass(frozen=True, kw_only=True)
 class Calibrate(JsonOption):
-    """Finds where a camera really sits: its pitch, roll and height, from a robot that stands on level, free ground.
+    """Finds where a camera really sits: its pitch, roll and height,
+    from a robot that stands on level, free ground.
 
     For example:
       saltus record run --run-dir runs/mine --out runs/standing

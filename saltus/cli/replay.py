@@ -61,8 +61,8 @@ class Replay(ScanOptions, RobotOption, JsonOption):
     """
 
     recording: Annotated[Path, tyro.conf.Positional]
-    """A run (.mcap), which names its robot, or a RealSense recording (.bag, .db3), which has no robot state and needs
-    --assume-level."""
+    """A run (.mcap), which names its robot, or a RealSense recording (.bag, .db3),
+    which has no robot state and needs --assume-level."""
     process: ProcessName = "heightmap"
     """Which one to run. A controller's run must have been in lockstep."""
     model: Annotated[Path | None, shown("PATH", "that of the run")] = None
@@ -285,7 +285,9 @@ def _compared(comparison: "Comparison") -> dict[str, object]:
 
 
 def _must_repeat(recording: "Recording", config: "RunConfig") -> bool:
-    """True where the same process, with the same networks, heard all of a run that came to its own end."""
+    """True where the same process, with the same networks,
+    heard all of a run that came to its own end.
+    """
     from saltus.recordings.summary import OUTCOME_CODES
     from saltus.used_networks import models_of
 

@@ -70,7 +70,9 @@ class List:
 
 @dataclass(frozen=True, kw_only=True)
 class RobotCommand(CommandGroup):
-    """Robots as Saltus knows them, and over their own protocol: show, list, simulate, preflight, run, log."""
+    """Robots as Saltus knows them, and over their own protocol:
+    show, list, simulate, preflight, run, log.
+    """
 
     command: Subcommands[Show | List | Simulate | Preflight | Run | Log]
 

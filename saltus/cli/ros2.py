@@ -1,4 +1,6 @@
-"""`saltus ros2`: heights, depth and state of a run for ROS 2, and heights for robots that speak ROS 2."""
+"""`saltus ros2`: heights, depth and state of a run for ROS 2,
+and heights for robots that speak ROS 2.
+"""
 
 import re
 from dataclasses import dataclass
@@ -20,7 +22,8 @@ DOMAIN_MAX = 232  # of DDS
 
 @dataclass(frozen=True, kw_only=True)
 class Ros2(EndpointOption):
-    """Joins a ROS 2 graph over rmw_zenoh or DDS: sends heights, depth, joints, odometry, frames of a run, until Ctrl-C.
+    """Joins a ROS 2 graph over rmw_zenoh or DDS: sends heights, depth,
+    joints, odometry, frames of a run, until Ctrl-C.
 
     With --take a robot that speaks ROS 2 is given heights: its depth images, joints, IMU and
     odometry go to the heightmap service. Plans are never taken. The ROS side has no secret: see

@@ -20,7 +20,8 @@ LOOK_S = 0.2
 
 @dataclass(frozen=True, kw_only=True)
 class Router(RobotOption, NetworkOptions):
-    """Starts a Zenoh router, to which services, recorders and your own programs connect, until Ctrl-C.
+    """Starts a Zenoh router, to which services,
+    recorders and your own programs connect, until Ctrl-C.
 
     The folder gets client.json5, a configuration with which any Zenoh program joins, and what the
     processes of Saltus read. Other users of this computer cannot join. Times in messages are those

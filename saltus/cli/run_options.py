@@ -115,7 +115,8 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
     """Folder for everything, in place of what an earlier run left there."""
 
     def config(self, time_limit_s: float) -> RunConfig:
-        """The configuration of the run, checked: what is wrong with it is said before anything starts.
+        """The configuration of the run, checked:
+        what is wrong with it is said before anything starts.
 
         Raises:
             ConfigError, ModelError: what is wrong.

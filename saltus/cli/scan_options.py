@@ -23,12 +23,12 @@ class ScanOptions:
     """Beside the heights, the observation of a policy that was trained with isaaclab, legged_gym or
     mjlab."""
     cameras: Annotated[tuple[Path, ...], shown("PATH [PATH ...]", "the one of the run")] = ()
-    """With a grid: TOML files that say where each camera sits. The first sends under camera/depth, others under
-    camera/depth/NAME."""
+    """With a grid: TOML files that say where each camera sits. The first sends under camera/depth,
+    others under camera/depth/NAME."""
     body: str = ROBOT
-    """With a grid: what is taken out of the images. robot: legs and trunk of the run's robot; none; or a box of length,
-    width and height around the base, as 0.6x0.4x0.5. With the last two states tell `standing_feet`,
-    if any."""
+    """With a grid: what is taken out of the images. robot: legs and trunk of the run's robot; none;
+    or a box of length, width and height around the base, as 0.6x0.4x0.5. With the last two states
+    tell `standing_feet`, if any."""
 
     @property
     def scan_flags(self) -> list[str]:

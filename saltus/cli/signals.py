@@ -117,6 +117,8 @@ def _is_importing(frame: FrameType | None) -> bool:
 
 
 def raise_again(number: signal.Signals) -> None:
-    """Ends this process by a signal, so that whoever started it learns of it (a shell shows 128 + its number)."""
+    """Ends this process by a signal, so that whoever started it learns
+    of it (a shell shows 128 + its number).
+    """
     signal.signal(number, signal.SIG_DFL)
     os.kill(os.getpid(), number)

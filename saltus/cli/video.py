@@ -23,7 +23,8 @@ PICTURE_AT = (0.42, 0.56, 0.70)
 
 
 def write_video(recording: Recording, path: Path) -> None:
-    """Writes an MP4 of the robot with the predicted heightmap on the terrain, with progress on a terminal.
+    """Writes an MP4 of the robot with the predicted heightmap on the terrain,
+    with progress on a terminal.
 
     Beside the robot stand time and speed, the newest depth image, and the heights with their
     intervals and the truth.
@@ -83,7 +84,9 @@ def _keep(
 
 
 def _heights(data: RunData) -> np.ndarray:
-    """Predicted heights of every step, shape (n, 30); NaN, which is not drawn, where there is no usable prediction."""
+    """Predicted heights of every step, shape (n, 30);
+    NaN, which is not drawn, where there is no usable prediction.
+    """
     rows = []
     for truth in data.truths:
         heightmap = data.heightmaps.get(truth.step)

@@ -21,7 +21,8 @@ PORT = 8080
 
 @dataclass(frozen=True, kw_only=True)
 class Watch:
-    """Shows runs and recordings on a page in the browser, until Ctrl-C: robot, ground, depth, heights, plans, topics.
+    """Shows runs and recordings on a page in the browser, until Ctrl-C:
+    robot, ground, depth, heights, plans, topics.
 
     For example:
       saltus watch
@@ -33,8 +34,8 @@ class Watch:
     runs: Annotated[
         tyro.conf.Positional[tuple[Path, ...]], shown("PATH", "none, start one on the page")
     ] = ()
-    """Recordings, and folders of runs, which may go on, have ended or be yet to begin; several stand
-    beside each other."""
+    """Recordings, and folders of runs, which may go on, have ended or be yet to begin;
+    several stand beside each other."""
     robots: Annotated[tuple[str, ...], shown("PREFIX", "the one that each folder names")] = ()
     """Prefixes of the robots' keys, where several share the router of one folder."""
     port: Annotated[int | None, shown("INT", f"{PORT}, the next free one where it is taken")] = None
@@ -100,7 +101,9 @@ def ask_for_viser() -> None:
 
 @contextlib.contextmanager
 def watching(run_dir: Path) -> Iterator["subprocess.Popen[bytes]"]:
-    """Shows a run that is about to begin, in a process of its own: the supervisor has other things to do."""
+    """Shows a run that is about to begin, in a process of its own:
+    the supervisor has other things to do.
+    """
     ask_for_viser()
     command = [sys.executable, "-P", "-m", "saltus.cli.main", "watch", str(run_dir)]
     with subprocess.Popen(

@@ -16,7 +16,8 @@ from saltus.wire.messages import RobotState
 
 WAIT_S = 0.1
 AFTER_S = 1.0
-"""A script or goals of `saltus drive` end so long after their last wish, which has then been heard."""
+"""A script or goals of `saltus drive` end so long after their last wish, which has then been
+heard."""
 SPEED_MPS, TURN_RPS = 0.6, 0.8
 """Between goals: well within what policies are trained for."""
 

@@ -13,7 +13,8 @@ from saltus.drive.wish import STAND, Wish
 from saltus.wire.messages import CommandMode
 
 STEP = 0.2
-"""Change of a velocity with each press [m/s], [rad/s]: five or six presses to a policy's fastest."""
+"""Change of a velocity with each press [m/s], [rad/s]: five or six presses to a policy's
+fastest."""
 MOST = 1.2
 VELOCITIES = {
     "w": ("ahead_mps", STEP),

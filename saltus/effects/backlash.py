@@ -17,7 +17,8 @@ over the coming step, and the joint's velocity [rad/s] and acceleration [rad/s^2
 
 @dataclass(frozen=True, kw_only=True)
 class Backlash(Effect[Drive], name="backlash", site="torque"):
-    """The motor turns freely against the joint within a gap of `width`, and pushes it at either end.
+    """The motor turns freely against the joint within a gap of `width`,
+    and pushes it at either end.
 
     Drive, encoder of the PD law and rotor are on the motor's side; what is logged is on the
     joint's, unless `motor_side` says otherwise. In contact both move as one, until the rotor would
@@ -49,7 +50,9 @@ class Backlash(Effect[Drive], name="backlash", site="torque"):
         return Constant(self.of_robot("rotor"))
 
     def first(self, signal: Drive) -> Play:
-        """The first torque has been there for long: the motor pushes the joint at one end of the gap."""
+        """The first torque has been there for long:
+        the motor pushes the joint at one end of the gap.
+        """
         xp, half = namespace(signal.torque), 0.5 * self.value("width", signal.torque)
         zero = xp.zeros_like(signal.torque)
         return (
@@ -104,7 +107,9 @@ class Backlash(Effect[Drive], name="backlash", site="torque"):
         return position + rest * state[0], velocity + rest * state[1]
 
     def missing(self, state: Play) -> Array:
-        """Inertia that the joint lacks over the coming step, as the rotor turns without it [kg m^2]."""
+        """Inertia that the joint lacks over the coming step,
+        as the rotor turns without it [kg m^2].
+        """
         _, rate, touches, _, _ = state
         xp = namespace(rate)
         return xp.where(touches, xp.zeros_like(rate), self._rotor.like(rate))

@@ -147,7 +147,8 @@ class FootFriction(Effect[BodyModel], name="foot_friction", site="model"):
 
 @dataclass(frozen=True, kw_only=True)
 class ContactCompliance(Effect[BodyModel], name="contact_compliance", site="model"):
-    """Feet and ground are softer than claimed: contacts give way like a critically damped spring of `time_constant`.
+    """Feet and ground are softer than claimed:
+    contacts give way like a critically damped spring of `time_constant`.
 
     A foot that lands at 2 m/s sinks by 2 to 10 mm; that is 4 to 20 ms.
     """
@@ -165,7 +166,8 @@ class ContactCompliance(Effect[BodyModel], name="contact_compliance", site="mode
 
 @dataclass(frozen=True, kw_only=True)
 class SoftFeet(Effect[BodyModel], name="soft_feet", site="model"):
-    """Feet of rubber: where they stand they resist being turned and rolled, and they stiffen as they are pressed.
+    """Feet of rubber: where they stand they resist being turned and rolled,
+    and they stiffen as they are pressed.
 
     `torsion` and `rolling` are torques over the force on the ground; `touch` is the impedance of a
     contact where it begins, 1 is rigid, and `depth` where it is whole.
@@ -193,7 +195,8 @@ class SoftFeet(Effect[BodyModel], name="soft_feet", site="model"):
 
 @dataclass(frozen=True, kw_only=True)
 class BaseRoll(Effect[BodyModel], name="base_roll", site="stand"):
-    """A stand or a strap that holds a robot in the air lets its base roll, by `give` under 1 Nm, against `damping`.
+    """A stand or a strap that holds a robot in the air lets its base roll,
+    by `give` under 1 Nm, against `damping`.
 
     The base turns about the x axis of its frame. A robot that nothing holds has no such effect.
     """

@@ -1,4 +1,6 @@
-"""From an image that is exposed now to the image that a robot has now: the effects of a camera in order."""
+"""From an image that is exposed now to the image that a robot has now:
+the effects of a camera in order.
+"""
 
 import math
 from dataclasses import dataclass
@@ -50,7 +52,8 @@ class CameraChain(SignalChain):
     def step(
         self, signal: Signal, time_s: float, state: CameraState, fresh: Array | None = None
     ) -> tuple[Signal, CameraState]:
-        """The newest images that have arrived at `time_s`, when the newest that were exposed are `signal`.
+        """The newest images that have arrived at `time_s`,
+        when the newest that were exposed are `signal`.
 
         Robots that are `fresh`, bool, shape (...), have had no image before this one.
         """
@@ -101,7 +104,9 @@ class CameraChain(SignalChain):
         return given, self.arrival_s(arrival_s, state)
 
     def arrival_s(self, captured_s: Array, state: CameraState) -> Array:
-        """When images that were captured at `captured_s` arrive [s], shape (n,): infinite for those that are lost."""
+        """When images that were captured at `captured_s` arrive [s],
+        shape (n,): infinite for those that are lost.
+        """
         for effect, memory in zip(self.effects, state, strict=True):
             if isinstance(effect, FrameDrop | CameraLatency):
                 captured_s = effect.arrival_s(captured_s, memory[0])
@@ -133,7 +138,8 @@ def drawn_around(
     jitter_s: PerRobot = 0.0,
     loss: PerRobot = 0.0,
 ) -> tuple[Effect, ...]:
-    """The effects of cameras of which something is drawn, each one number or one a robot, shape (n,).
+    """The effects of cameras of which something is drawn,
+    each one number or one a robot, shape (n,).
 
     Args:
         effects: What is known of the cameras. Without a `CameraLatency` images still come at once.

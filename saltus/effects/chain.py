@@ -1,4 +1,6 @@
-"""From a joint command to the torque at the joint: the effects of an actuator in their physical order; IMU and body."""
+"""From a joint command to the torque at the joint:
+the effects of an actuator in their physical order; IMU and body.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -78,7 +80,9 @@ class Torques:
 
 @dataclass(frozen=True)
 class ImuChain(SignalChain):
-    """From the motion of the base to what its IMU reports, once a physics step: it is wrong first, and then late."""
+    """From the motion of the base to what its IMU reports, once a physics step:
+    it is wrong first, and then late.
+    """
 
     order: ClassVar[Order] = (ImuBias, ImuLatency)
     owner: ClassVar[str] = "an IMU"
@@ -125,7 +129,9 @@ class ActuatorChain(Chain):
     owner: ClassVar[str] = "an actuator"
 
     def fitted(self, robot: Robot) -> "ActuatorChain":
-        """The chain in the drives of a robot, from which its effects take what they do not say themselves."""
+        """The chain in the drives of a robot,
+        from which its effects take what they do not say themselves.
+        """
         return ActuatorChain(tuple(effect.fitted(robot) for effect in self.effects))
 
     @property
@@ -209,7 +215,9 @@ class ActuatorChain(Chain):
         fresh: Array | None,
         side: Callable[..., tuple[Array, Array]],
     ) -> JointState:
-        """The motion on another side of the play: that of the logged encoder, or that of the PD law's, the motor's."""
+        """The motion on another side of the play:
+        that of the logged encoder, or that of the PD law's, the motor's.
+        """
         for effect, memory in zip(self.effects, state, strict=True):
             if isinstance(effect, Backlash) and memory:
                 position, velocity = side(effect, motion.position, motion.velocity, memory)

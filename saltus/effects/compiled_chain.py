@@ -1,4 +1,6 @@
-"""The effects of the drives of one robot as straight-line Python: half of the time of a physics step."""
+"""The effects of the drives of one robot as straight-line Python:
+half of the time of a physics step.
+"""
 
 from collections.abc import Callable
 

@@ -41,7 +41,9 @@ class DelayLine:
         return namespace(signal).stack([signal] * self.length, axis=-3)
 
     def pushed(self, signal: Array, line: Array) -> tuple[Array, Array]:
-        """Sample that the receiver has now, and the line for the next call: the last samples, newest first."""
+        """Sample that the receiver has now, and the line for the next call:
+        the last samples, newest first.
+        """
         xp = namespace(signal)
         line = xp.concat([signal[..., None, :, :], line[..., :-1, :, :]], axis=-3)
         return xp.sum(self._weights(line) * line, axis=-3), line
@@ -87,7 +89,8 @@ class LateCommand(Effect[JointCommand], site="command"):
 
 @dataclass(frozen=True, kw_only=True)
 class CommandDelay(LateCommand, name="command_delay"):
-    """The whole packet is `delay` old when the drive uses it: targets, gains and feed-forward torque.
+    """The whole packet is `delay` old when the drive uses it:
+    targets, gains and feed-forward torque.
 
     Fields are averaged one by one over a step in which a packet arrives; where gains change in that
     very step the mean of the products differs from the product of the means, by one step at most.
@@ -118,7 +121,9 @@ class FeedforwardDelay(LateCommand, name="feedforward_delay"):
     """Feed-forward torque is `delay` late; the PD law is not. 10 ms (original)."""
 
     def first(self, signal: JointCommand) -> Array:
-        """The last torques, newest first, shape (..., length, 1, 12): a drive has none before its first packet."""
+        """The last torques, newest first, shape (..., length, 1, 12):
+        a drive has none before its first packet.
+        """
         return self._line.filled(namespace(signal.torque).zeros_like(signal.torque)[..., None, :])
 
     def apply(

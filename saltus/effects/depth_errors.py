@@ -45,7 +45,9 @@ class DepthBias(Effect[DepthImage], name="depth_bias", site="depth"):
 
 @dataclass(frozen=True, kw_only=True)
 class DepthNoise(Effect[DepthImage], name="depth_noise", site="depth"):
-    """White noise of standard deviation z^2 `subpixel_sigma` / (f B) at each pixel; images in metres."""
+    """White noise of standard deviation z^2 `subpixel_sigma` / (f B) at each pixel;
+    images in metres.
+    """
 
     # 0.08 px in practice, 0.03 px at best (Intel on the D4xx)
     subpixel_sigma: PerRobot = parameter(unit="px", null=0.0, low=0.0, high=5.0)
@@ -77,7 +79,8 @@ JUMP = 0.08  # of the depth behind; a smaller step hides less than a pixel from 
 
 @dataclass(frozen=True, kw_only=True)
 class EdgeHoles(Effect[DepthImage], name="edge_holes", site="depth"):
-    """The `width` pixels to the left of every near edge are invalid, to the nearest pixel of the image.
+    """The `width` pixels to the left of every near edge are invalid,
+    to the nearest pixel of the image.
 
     One number for all edges, as a run log can tell it; `saltus.render.stereo` has the physics, in
     which it grows with the step of disparity.
@@ -113,7 +116,8 @@ class RangeClip(Effect[DepthImage], name="range_clip", site="depth"):
 
 @dataclass(frozen=True, kw_only=True)
 class HoleFill(Effect[DepthImage], name="hole_fill", site="depth"):
-    """An invalid pixel takes the nearest valid value to its left within `reach` pixels, to the nearest pixel.
+    """An invalid pixel takes the nearest valid value to its left within `reach` pixels,
+    to the nearest pixel.
 
     One number, as a run log can tell it; `saltus.render.postfilter` has librealsense's filters
     themselves.

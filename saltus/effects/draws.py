@@ -1,4 +1,6 @@
-"""Random numbers that depend on nothing but a key and a counter, equal for numpy and torch, batched or one by one."""
+"""Random numbers that depend on nothing but a key and a counter,
+equal for numpy and torch, batched or one by one.
+"""
 
 from typing import Any
 

@@ -1,4 +1,6 @@
-"""Effects: frozen values that each change one signal, used by plant, camera, training and real2sim alike."""
+"""Effects: frozen values that each change one signal,
+used by plant, camera, training and real2sim alike.
+"""
 
 import dataclasses
 import math
@@ -162,11 +164,15 @@ class Effect(Generic[Signal]):
                 _check(f"{self.name}.{f.name}", value, f.metadata)
 
     def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Any:
-        """State before the first signal, for a batch of robots; None where the effect has no memory."""
+        """State before the first signal, for a batch of robots;
+        None where the effect has no memory.
+        """
         return None
 
     def first(self, signal: Signal) -> Any:
-        """State as if a robot's first signal had been there for long; None where the effect has no memory."""
+        """State as if a robot's first signal had been there for long;
+        None where the effect has no memory.
+        """
 
     def apply(self, signal: Signal, time_s: Array, state: Any) -> tuple[Signal, Any]:
         """Returns the changed signal and the next state; changes neither argument.
@@ -190,7 +196,9 @@ class Effect(Generic[Signal]):
 
     @cached_property
     def _changes(self) -> list[tuple[str, str, int | None, float | None]]:
-        """Parameter, the field that it changes, the place therein, and for one that scales its null value."""
+        """Parameter, the field that it changes, the place therein,
+        and for one that scales its null value.
+        """
         declared = [(f.name, f.metadata) for f in fields(self) if f.metadata.get("changes")]
         return [
             (name, m["changes"], m["axis"], m["null"] if m["scales"] else None)
@@ -198,7 +206,9 @@ class Effect(Generic[Signal]):
         ]
 
     def value(self, parameter: str, array: Array) -> Array:
-        """A parameter in the form in which it combines with `array`: a float, or an array of its kind and device."""
+        """A parameter in the form in which it combines with `array`:
+        a float, or an array of its kind and device.
+        """
         value = getattr(self, parameter)
         if isinstance(value, float | int):
             return value
@@ -213,7 +223,9 @@ class Effect(Generic[Signal]):
         return {}
 
     def fitted(self, robot: Robot) -> Self:
-        """The effect in the drives of a robot, with what `from_robot` declares taken from there unless it is given."""
+        """The effect in the drives of a robot,
+        with what `from_robot` declares taken from there unless it is given.
+        """
         lacking = [
             f for f in fields(self) if "robot" in f.metadata and getattr(self, f.name) is None
         ]
@@ -233,7 +245,9 @@ class Effect(Generic[Signal]):
         return np.asarray(values, dtype=np.float64)
 
     def moved(self, **by: float | Reals) -> Self:
-        """The effect with parameters changed by so much, one number or one a robot, as far as their bounds allow."""
+        """The effect with parameters changed by so much,
+        one number or one a robot, as far as their bounds allow.
+        """
         declared = {f.name: f.metadata for f in fields(self)}
         moved = {name: getattr(self, name) + change for name, change in by.items()}
         clipped = {n: np.clip(v, declared[n]["low"], declared[n]["high"]) for n, v in moved.items()}
@@ -262,7 +276,9 @@ class Effect(Generic[Signal]):
 
 
 def like(values: PerRobot, array: Array, xp: Namespace) -> Array:
-    """A parameter in the form in which it combines with `array`: a float, or an array of its kind, type and device."""
+    """A parameter in the form in which it combines with `array`:
+    a float, or an array of its kind, type and device.
+    """
     if isinstance(values, float | int):
         return values
     return xp.asarray(np.asarray(values), dtype=array.dtype, device=array.device)
@@ -275,14 +291,17 @@ def per_image(value: PerRobot, array: Array, xp: Namespace) -> Array:
 
 
 def pixels_within(value: PerRobot, images: Array) -> Iterator[tuple[int, Array]]:
-    """1, 2, ... up to the greatest of a parameter in pixels, rounded, each with whether an image's own is as great."""
+    """1, 2, ... up to the greatest of a parameter in pixels, rounded,
+    each with whether an image's own is as great.
+    """
     reach = per_image(value, images, namespace(images))
     greatest = min(math.floor(float(np.max(value)) + 0.5), images.shape[-1] - 1)
     return ((k, reach > k - 0.5) for k in range(1, greatest + 1))
 
 
 def map_arrays(function: Callable[..., Array], value: State, *others: State) -> State:
-    """Applies `function` to every array in a signal or a state, e.g. to move it to torch or to pick one robot.
+    """Applies `function` to every array in a signal or a state,
+    e.g. to move it to torch or to pick one robot.
 
     With `others`, which are built alike, it gets their arrays too.
     """

@@ -1,4 +1,6 @@
-"""Effects between the motion of a joint and what its drive knows of it: bias, scale, quantisation, filter."""
+"""Effects between the motion of a joint and what its drive knows of it:
+bias, scale, quantisation, filter.
+"""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -75,7 +77,9 @@ Memory = tuple[Array, Array]
 
 @dataclass(frozen=True, kw_only=True)
 class VelocityFilter(Effect[JointState], name="velocity_filter", site="joint_state"):
-    """First-order low-pass of the velocity with `time_constant`, exact where the velocity is linear between samples."""
+    """First-order low-pass of the velocity with `time_constant`,
+    exact where the velocity is linear between samples.
+    """
 
     # drives of this class average over a few milliseconds
     time_constant: Values = parameter(

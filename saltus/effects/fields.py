@@ -64,7 +64,8 @@ def _unit(value: Array, dtype: object) -> Array:
 def gaussian(
     keys: Array, time_s: Array, shape: tuple[int, int], window: tuple[int, int], dtype: object
 ) -> Array:
-    """Normal numbers of mean 0 and variance 1 whose correlation falls linearly to 0 over `window`: a moving average.
+    """Normal numbers of mean 0 and variance 1 whose correlation falls linearly to 0 over `window`:
+    a moving average.
 
     A sum of nine uniform numbers or more is as good as normal, so that no normal numbers are drawn;
     a window that has fewer than nine samples adds up three for each.
@@ -114,7 +115,9 @@ def windowed_sum(values: Array, size: int, axis: int) -> Array:
 def windowed_extreme(
     values: Array, size: int, axis: int, pick: Callable[[Array, Array], Array]
 ) -> Array:
-    """Maximum or minimum (`pick`) over every window of `size` along an axis, which becomes `size - 1` shorter."""
+    """Maximum or minimum (`pick`) over every window of `size` along an axis,
+    which becomes `size - 1` shorter.
+    """
     run, block = values, 1
     while 2 * block <= size:
         reach = run.shape[axis] - block

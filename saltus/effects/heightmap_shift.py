@@ -13,7 +13,8 @@ from saltus.errors import ConfigError
 
 @dataclass(frozen=True, kw_only=True)
 class HeightmapShift(Effect[HeightQuery], name="heightmap_shift", site="heightmap"):
-    """Heights are read `x` too far ahead along the robot's yaw and come out `z` too high, for a whole episode.
+    """Heights are read `x` too far ahead along the robot's yaw and come out `z` too high,
+    for a whole episode.
 
     To both, every robot adds its own draw, uniform within +-`x_range` and +-`z_range`, made in
     `init`. Training uses +-8 cm and +-5 cm (paper).
@@ -46,7 +47,9 @@ def shift_of(effects: Sequence[Effect]) -> HeightmapShift:
 
 
 def refuse_shift(effects: Sequence[Effect], who: str) -> None:
-    """Raises `ConfigError` where true heights are to be shifted and `who`, e.g. "a camera", has no such heights."""
+    """Raises `ConfigError` where true heights are to be shifted and `who`, e.g. "a camera",
+    has no such heights.
+    """
     if not shift_of(effects).is_null():
         raise ConfigError(
             f"heightmap_shift: it shifts true heights, and {who} cannot hold it; leave it out of "

@@ -57,7 +57,9 @@ class FrameDrop(Effect[DepthImage], name="frame_drop", site="depth"):
         return image, (keys, image)
 
     def arrival_s(self, captured_s: Array, keys: Array) -> Array:
-        """When images that were captured at `captured_s` arrive [s], shape (...): at once, or never."""
+        """When images that were captured at `captured_s` arrive [s],
+        shape (...): at once, or never.
+        """
         xp = namespace(captured_s)
         return xp.where(
             uniform(keys, captured_s) < self.value("fraction", captured_s), math.inf, captured_s
@@ -66,7 +68,8 @@ class FrameDrop(Effect[DepthImage], name="frame_drop", site="depth"):
 
 @dataclass(frozen=True, kw_only=True)
 class TemporalSmear(Effect[DepthImage], name="temporal_smear", site="depth"):
-    """Exponential smoothing: each pixel is `alpha` times the new depth and the rest the last one given out.
+    """Exponential smoothing: each pixel is `alpha` times the new depth
+    and the rest the last one given out.
 
     Pixels that are invalid, or see nothing, in either image take the new value. An image that comes
     again changes nothing. librealsense's default is 0.4; `saltus.render.postfilter.TemporalFilter`
@@ -101,7 +104,8 @@ Memory = tuple[Array, tuple[tuple[DepthImage, Array], ...]]
 
 @dataclass(frozen=True, kw_only=True)
 class CameraLatency(Effect[DepthImage], name="camera_latency", site="depth"):
-    """An image can be seen from `latency` after its capture on, give or take `jitter` (uniform, per image).
+    """An image can be seen from `latency` after its capture on,
+    give or take `jitter` (uniform, per image).
 
     The output is the image with the newest capture among those that have arrived; before the first
     there is none. 50 ms with a D435i (paper: a sine of body height against the image).

@@ -1,4 +1,5 @@
-"""Effects that count in pixels of an image: a log's camera may have other pixels than the robot's own.
+"""Effects that count in pixels of an image: a log's camera
+may have other pixels than the robot's own.
 
 A profile speaks of the robot's camera, a D435i of 424 x 240 pixels (original); a log of its own
 images.

@@ -29,7 +29,9 @@ GYRO = "angular_velocity_base"
 
 @dataclass(frozen=True, kw_only=True)
 class ImuBias(Effect[ImuReading], name="imu_bias", site="imu"):
-    """The gyroscope reads (`gyro_x`, `gyro_y`, `gyro_z`) too much; a level base is reported at `roll` and `pitch`."""
+    """The gyroscope reads (`gyro_x`, `gyro_y`, `gyro_z`) too much;
+    a level base is reported at `roll` and `pitch`.
+    """
 
     # gyroscopes of this class: 0.01 to 0.05 rad/s; mounts: 0.5 to 2 degrees
     gyro_x: PerRobot = parameter(

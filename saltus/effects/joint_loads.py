@@ -69,7 +69,8 @@ class Armature(Effect[Resistance], name="armature", site="joint"):
 
 @dataclass(frozen=True, kw_only=True)
 class JointSpring(Effect[Drive], name="joint_spring", site="torque"):
-    """A spring or a cable pulls with `torque` at the joint's zero angle, and by `stiffness` less with each rad.
+    """A spring or a cable pulls with `torque` at the joint's zero angle,
+    and by `stiffness` less with each rad.
 
     A `stiffness` of 0 is a pull that stays the same at all angles. The drive knows nothing of it.
     """
@@ -85,7 +86,9 @@ class JointSpring(Effect[Drive], name="joint_spring", site="torque"):
     """Period of the torque."""
 
     def apply(self, signal: Drive, time_s: Array, state: None) -> tuple[Drive, None]:
-        """Adds the pull at the angle halfway through the coming period: an older one would feed the joint energy."""
+        """Adds the pull at the angle halfway through the coming period:
+        an older one would feed the joint energy.
+        """
         pull, stiffness = (self.value(name, signal.torque) for name in ("torque", "stiffness"))
         halfway = signal.position + 0.5 * self.dt_s * signal.velocity
         return replace(signal, torque=signal.torque + (pull - stiffness * halfway)), None
@@ -93,7 +96,8 @@ class JointSpring(Effect[Drive], name="joint_spring", site="torque"):
 
 @dataclass(frozen=True, kw_only=True)
 class EndStop(Effect[Drive], name="end_stop", site="torque"):
-    """A joint's stops are soft and begin early: beyond `upper` or below `lower` a spring of `stiffness` pushes it back.
+    """A joint's stops are soft and begin early:
+    beyond `upper` or below `lower` a spring of `stiffness` pushes it back.
 
     The limits of the robot's model, which are hard, stay.
     """
@@ -123,7 +127,9 @@ class EndStop(Effect[Drive], name="end_stop", site="torque"):
             )
 
     def apply(self, signal: Drive, time_s: Array, state: None) -> tuple[Drive, None]:
-        """Adds the push at the angle halfway through the coming period: an older one would feed the joint energy."""
+        """Adds the push at the angle halfway through the coming period:
+        an older one would feed the joint energy.
+        """
         xp = namespace(signal.torque)
         upper, lower, stiffness = (
             self.value(name, signal.torque) for name in ("upper", "lower", "stiffness")
@@ -140,7 +146,9 @@ underflows later."""
 
 @dataclass(frozen=True, kw_only=True)
 class Stiction(Effect[Resistance], name="stiction", site="joint"):
-    """Friction above the Coulomb level: `breakaway` at standstill, times exp(-(v / stribeck_velocity)^2) in motion."""
+    """Friction above the Coulomb level: `breakaway` at standstill,
+    times exp(-(v / stribeck_velocity)^2) in motion.
+    """
 
     # breakaway torque is 1.1 to 2 times the Coulomb level on drives of this class
     breakaway: Values = parameter(

@@ -1,4 +1,6 @@
-"""Effects between the torque that a drive is asked for and the one that its motor gives: lag, limits, gain, sag."""
+"""Effects between the torque that a drive is asked for and the one that its motor gives:
+lag, limits, gain, sag.
+"""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -41,7 +43,9 @@ class ActuatorLag(Effect[Drive], name="actuator_lag", site="torque"):
 
     @cached_property
     def _weights(self) -> tuple[Constant, Constant]:
-        """Weights of the lagged torque at the start of a period: in the mean over it, and in the torque at its end."""
+        """Weights of the lagged torque at the start of a period:
+        in the mean over it, and in the torque at its end.
+        """
         return tuple(Constant(weight) for weight in lag_weights(self.time_constant, self.dt_s))  # type: ignore[return-value]
 
     def first(self, signal: Drive) -> Array:
@@ -58,7 +62,9 @@ class ActuatorLag(Effect[Drive], name="actuator_lag", site="torque"):
 
 
 def lag_weights(time_constant: Values, dt_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Weight of the lagged torque at the start of a period of `dt_s`: in the mean over the period, and at its end."""
+    """Weight of the lagged torque at the start of a period of `dt_s`:
+    in the mean over the period, and at its end.
+    """
     periods = np.asarray(time_constant, dtype=float) / dt_s
     # below a thousandth of a period the lag is none; it also keeps the division finite
     at_end = np.exp(-1.0 / np.maximum(periods, 1e-3))  # exp(-1000) is 0
@@ -72,7 +78,8 @@ UNLIMITED = 1e9
 
 @dataclass(frozen=True, kw_only=True)
 class TorqueSpeedLimit(Effect[Drive], name="torque_speed_limit", site="torque"):
-    """Along the motion, torque is at most the torque limit, less beyond `corner`, none from `no_load` on.
+    """Along the motion, torque is at most the torque limit,
+    less beyond `corner`, none from `no_load` on.
 
     Against the motion the full torque limit holds. The original's limit is the line with corner 0
     and no-load speeds 30, 30, 20 rad/s.
@@ -96,7 +103,9 @@ class TorqueSpeedLimit(Effect[Drive], name="torque_speed_limit", site="torque"):
 
     @cached_property
     def _bounds(self) -> tuple[Constant, Constant, Constant]:
-        """Stall torque, no-load speed, and share of the stall torque lost per speed beyond the corner."""
+        """Stall torque, no-load speed, and share
+        of the stall torque lost per speed beyond the corner.
+        """
         stall = self.of_robot("stall")
         limited = np.isfinite(self.no_load) & np.ones(len(JOINTS), dtype=bool)
         no_load = np.where(limited, self.no_load, UNLIMITED)
@@ -190,7 +199,9 @@ class TorqueSaturation(Effect[Drive], name="torque_saturation", site="torque"):
 
     @property
     def corners(self) -> tuple[Floats, Floats]:
-        """Where the slope changes [Nm] and by how much it falls there, each of shape (corners, ..., 12)."""
+        """Where the slope changes [Nm] and by how much it falls there,
+        each of shape (corners, ..., 12).
+        """
         starts, slopes = self._segments
         return starts, -np.diff(slopes, axis=0, prepend=1.0)
 
@@ -225,7 +236,9 @@ def _rises(curve: tuple[tuple[float, ...], ...]) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class BatterySag(Effect[Drive], name="battery_sag", site="torque"):
-    """Gain that falls linearly from 1 at time 0 to 1 - `loss_at_end` at `duration_s`, and stays there."""
+    """Gain that falls linearly from 1 at time 0 to 1 - `loss_at_end` at `duration_s`,
+    and stays there.
+    """
 
     # 5 to 20 % over a run
     loss_at_end: Values = parameter(

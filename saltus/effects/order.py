@@ -51,7 +51,9 @@ class Chain:
 
     @property
     def blank(self) -> tuple[None, ...]:
-        """State before the first signal where no effect draws anything: for actuators, IMUs and bodies."""
+        """State before the first signal where no effect draws anything:
+        for actuators, IMUs and bodies.
+        """
         return (None,) * len(self.effects)
 
     def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> tuple[object, ...]:
@@ -62,14 +64,18 @@ class Chain:
 def applied(
     effect: Effect, signal: Signal, time_s: Array, memory: object, fresh: Array | None
 ) -> tuple[Signal, object]:
-    """`effect.apply` with a blank memory for robots that are `fresh`, bool, shape (...); None where none is."""
+    """`effect.apply` with a blank memory for robots that are `fresh`,
+    bool, shape (...); None where none is.
+    """
     if fresh is not None and memory is not None:
         memory = chosen_of(fresh, effect.first(signal), memory)
     return effect.apply(signal, time_s, memory)
 
 
 def chosen_of(robots: Array, new: State, old: State) -> State:
-    """For `robots`, bool, shape (...), the arrays of one state, for the others those of another that is built alike."""
+    """For `robots`, bool, shape (...), the arrays of one state,
+    for the others those of another that is built alike.
+    """
 
     def choose(one: Array, other: Array) -> Array:
         mask = robots.reshape(tuple(robots.shape) + (1,) * (one.ndim - robots.ndim))
@@ -85,7 +91,8 @@ class SignalChain(Chain):
     def step(
         self, signal: Signal, time_s: Array, state: tuple[object, ...], fresh: Array | None = None
     ) -> tuple[Signal, tuple[object, ...]]:
-        """The signal, newest or repeated, after all effects at `time_s` in the run's clock, and their next states.
+        """The signal, newest or repeated, after all effects at `time_s` in the run's clock,
+        and their next states.
 
         Robots that are `fresh`, bool, shape (...), have had no signal before.
         """

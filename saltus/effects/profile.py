@@ -178,7 +178,9 @@ _IDEAL = "ideal"
 
 
 def profiles_folder() -> Path:
-    """Where profiles of one's own lie: what SALTUS_PROFILES names, else `profiles` in the working directory."""
+    """Where profiles of one's own lie: what SALTUS_PROFILES names,
+    else `profiles` in the working directory.
+    """
     return Path(os.environ.get("SALTUS_PROFILES", "profiles"))
 
 

@@ -153,7 +153,8 @@ class _Recorded:
 
 
 def _changed(name: str, was: Any, now: Any) -> tuple[str, Any, Any, float]:
-    """Place of the first entry that is not as it was, both values there, and by how much any entry differs at most.
+    """Place of the first entry that is not as it was, both values there,
+    and by how much any entry differs at most.
 
     The place is empty where all is equal.
     """

@@ -1,4 +1,6 @@
-"""Opens bags of ROS as they lie about: rosbag2 in SQLite or MCAP, with or without metadata, and bags of ROS 1."""
+"""Opens bags of ROS as they lie about: rosbag2 in SQLite or MCAP,
+with or without metadata, and bags of ROS 1.
+"""
 
 from collections import OrderedDict
 from collections.abc import Callable, Iterator

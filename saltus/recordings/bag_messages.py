@@ -84,7 +84,9 @@ def _joint_row(message: JointState) -> _Joints:
 
 
 def _imu_row(message: Imu) -> Floats:
-    """Orientation, rate and acceleration of an Imu; NaN for an orientation that it says it does not have."""
+    """Orientation, rate and acceleration of an Imu;
+    NaN for an orientation that it says it does not have.
+    """
     has_none = message.orientation_covariance[0] == -1.0  # sensor_msgs/Imu
     turned = (np.nan,) * 4 if has_none else _wxyz(message.orientation)
     return np.array([*turned, *_xyz(message.angular_velocity), *_xyz(message.linear_acceleration)])

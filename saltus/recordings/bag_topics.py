@@ -110,7 +110,9 @@ def _of_depth(
 def _of_camera(
     depth: str, given: str | None, candidates: list[str], types: dict[str, str], notes: list[str]
 ) -> list[str]:
-    """The calibration that stands beside the depth images, or the only one, if it stands beside no others."""
+    """The calibration that stands beside the depth images,
+    or the only one, if it stands beside no others.
+    """
     if given is not None:
         return []
     beside = [

@@ -66,7 +66,9 @@ class CdrLog:
             self._do(lambda: self._writer.add_message(record))
 
     def flush(self) -> None:
-        """Hands what was written to the operating system, if that is due: a crash costs half a second."""
+        """Hands what was written to the operating system, if that is due:
+        a crash costs half a second.
+        """
         if time.monotonic() - self._flushed_s >= FLUSH_S:
             self._flushed_s = time.monotonic()
             with WHOLE:

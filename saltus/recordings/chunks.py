@@ -1,4 +1,6 @@
-"""Chunks of a recording that may be damaged: unpacked into bounded memory, and read up to where a file was cut off."""
+"""Chunks of a recording that may be damaged:
+unpacked into bounded memory, and read up to where a file was cut off.
+"""
 
 import struct
 import zlib
@@ -86,7 +88,9 @@ def torn_chunk(end_of_file: bytes) -> Chunk:
 
 
 def _check_lengths(data: bytes) -> None:
-    """Refuses records that do not lie end to end: mcap's reader believes the length of few, `rows` that of all."""
+    """Refuses records that do not lie end to end:
+    mcap's reader believes the length of few, `rows` that of all.
+    """
     start = 0
     while start < len(data):
         kind, length = _HEAD.unpack_from(data, start)

@@ -1,4 +1,6 @@
-"""Columns of numbers as people keep them: text with any separator and decimal sign, Parquet, archives of numpy."""
+"""Columns of numbers as people keep them: text with any separator and decimal sign,
+Parquet, archives of numpy.
+"""
 
 import codecs
 import contextlib
@@ -52,7 +54,8 @@ class _Form:
 
 
 def read_text(path: Path, wanted: Sequence[str] | None = None) -> FileColumns:
-    """Columns of a text (CSV), whatever its separator, decimal sign and encoding, also with comments before the names.
+    """Columns of a text (CSV), whatever its separator,
+    decimal sign and encoding, also with comments before the names.
 
     Args:
         path: Any file.

@@ -1,4 +1,6 @@
-"""The short TOML that says what a bag or a table of others does not say of itself (docs/tutorials/log.md)."""
+"""The short TOML that says what a bag or a table
+of others does not say of itself (docs/tutorials/log.md).
+"""
 
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal

@@ -1,4 +1,5 @@
-"""Depth images and calibrations as ROS carries them, raw or compressed: pixels, and the camera that took them.
+"""Depth images and calibrations as ROS carries them, raw or compressed:
+pixels, and the camera that took them.
 
 A recording and a live robot are read by the same lines. Whatever a message claims is checked before
 it is believed.
@@ -108,7 +109,8 @@ def pixels_of(image: Image) -> AnyArray:
 
 
 def millimetres(pixels: AnyArray, unit_m: float | None = None) -> NDArray[np.uint16]:
-    """Whole millimetres of pixels: 0 where there is no depth, `NOTHING` where nothing is within range (REP 118).
+    """Whole millimetres of pixels: 0 where there is no depth,
+    `NOTHING` where nothing is within range (REP 118).
 
     Args:
         pixels: As `pixels_of` gives them.

@@ -1,4 +1,5 @@
-"""Writes MCAP files whose index lies on the disk while they grow: the same bytes as the library's `Writer`.
+"""Writes MCAP files whose index lies on the disk while they grow:
+the same bytes as the library's `Writer`.
 
 That one keeps 1 KB in memory for each chunk, of which a run in real time has four a second.
 """

@@ -1,4 +1,5 @@
-"""Writes a run as one MCAP file that viewers open and that survives a crash up to its last half second.
+"""Writes a run as one MCAP file that viewers open and
+that survives a crash up to its last half second.
 
 Every topic is a channel of CDR messages with its ROS 2 definition, one channel for each
 sender; the channel's metadata hold the sender's boot id. A record keeps the sequence, the capture

@@ -104,7 +104,8 @@ class Recording(RecordedFile):
 
     @cached_property
     def setup(self) -> Setup:
-        """Everything that the run was of; an older recording names the profile and the seed of its trial.
+        """Everything that the run was of; an older recording names the profile
+        and the seed of its trial.
 
         Raises:
             ConfigError: it was written by another version.
@@ -119,7 +120,9 @@ class Recording(RecordedFile):
         )
 
     def _value(self, name: str, kind: type[Part], otherwise: Callable[[Any], Part]) -> Part:
-        """A value of the run as it was written, or `otherwise` made of its name in the configuration."""
+        """A value of the run as it was written,
+        or `otherwise` made of its name in the configuration.
+        """
         if name in self.metadata:
             return kind.from_toml(self.metadata[name])
         return otherwise(getattr(self.known_config, name, None))
@@ -199,7 +202,8 @@ class Recording(RecordedFile):
         return min(c.message_start_time for c in chunks), max(c.message_end_time for c in chunks)
 
     def arrivals(self, after_ns: int, until_ns: int) -> Iterator[Arrival]:
-        """Messages of all topics that arrived after one time and until another, in the order of the file.
+        """Messages of all topics that arrived after one time and until another,
+        in the order of the file.
 
         Only what the interval needs is unpacked, so that any moment of a long run is at hand.
         """
@@ -225,7 +229,9 @@ class Recording(RecordedFile):
         return self._unpacked[number]
 
     def _check_fields(self, topic: str) -> None:
-        """Refuses fields of another version: the bytes of one that was renamed would be read under its new meaning."""
+        """Refuses fields of another version:
+        the bytes of one that was renamed would be read under its new meaning.
+        """
         for channel in self._channels_of(topic).values():
             schema = self.schemas.get(channel.schema_id)
             if schema is None or schema.name not in schemas.DEFINITIONS:
@@ -243,7 +249,9 @@ class Recording(RecordedFile):
                 )
 
     def _former_of(self, channel: Channel) -> int | None:
-        """Place of its messages in `codec.former_definitions_of`; None where they are those of today."""
+        """Place of its messages in `codec.former_definitions_of`;
+        None where they are those of today.
+        """
         schema, row = self.schemas.get(channel.schema_id), topic_of(channel.topic[1:])
         if schema is None or row is None:
             return None
@@ -288,7 +296,9 @@ class Recording(RecordedFile):
 
 
 def read_recording(path: str | Path) -> Recording:
-    """Opens a recording, checks every part of it, and keeps what is sound; `RecordingError` where nothing is."""
+    """Opens a recording, checks every part of it, and keeps what is sound;
+    `RecordingError` where nothing is.
+    """
     recording = Recording(Path(path))
     recording.fill()
     return recording

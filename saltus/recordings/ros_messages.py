@@ -86,7 +86,9 @@ def hash_of(type_name: str) -> str:
 
 
 def fields_of(type_name: str) -> list[tuple[str, tuple[str, object]]]:
-    """Name and kind of each field: ("base", name), ("type", name), ("array", (kind, n)) or ("sequence", (kind, n))."""
+    """Name and kind of each field: ("base", name), ("type", name), ("array", (kind, n)) or
+    ("sequence", (kind, n)).
+    """
     return [(name, _kind(description)) for name, description in STORE.fielddefs[type_name][1]]
 
 
@@ -148,7 +150,9 @@ def yaw_of(wxyz: Floats) -> tuple[float, float, float, float]:
 
 
 def optical(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
-    """Quaternion of the camera frame in the base frame, of a camera that is turned so from looking level ahead."""
+    """Quaternion of the camera frame in the base frame,
+    of a camera that is turned so from looking level ahead.
+    """
     turned = quaternion_from_roll_pitch_yaw(np.array(roll), np.array(pitch), np.array(yaw))
     w, x, y, z = quaternion_product(
         turned, np.array([0.5, -0.5, 0.5, -0.5])
@@ -200,7 +204,9 @@ def usable_heights(heightmap: Heightmap) -> Reals:
 
 
 def points(time_ns: int, frame: str, **columns: ArrayLike) -> Message:
-    """A `sensor_msgs/msg/PointCloud2` of one row; `columns` are x, y, z and what else each point has, shape (n,)."""
+    """A `sensor_msgs/msg/PointCloud2` of one row; `columns` are x,
+    y, z and what else each point has, shape (n,).
+    """
     table = np.stack([np.asarray(values, np.float32) for values in columns.values()], axis=-1)
     field = STORE.types["sensor_msgs/msg/PointField"]
     fields = [field(name, 4 * i, FLOAT32, 1) for i, name in enumerate(columns)]
@@ -214,7 +220,8 @@ def points(time_ns: int, frame: str, **columns: ArrayLike) -> Message:
 
 
 def height_points(heightmap: Heightmap) -> Message:
-    """Predicted heights as points in the yaw frame, each with half of its 90 % interval, and its age where it is known.
+    """Predicted heights as points in the yaw frame,
+    each with half of its 90 % interval, and its age where it is known.
 
     The age of a point that was never in an image is NaN.
     """
@@ -228,7 +235,8 @@ def height_points(heightmap: Heightmap) -> Message:
 
 
 def grid_map(heightmap: Heightmap) -> Message:
-    """Predicted heights as a `grid_map_msgs/msg/GridMap` in the yaw frame: elevation, variance, half_width, age.
+    """Predicted heights as a `grid_map_msgs/msg/GridMap` in the yaw frame:
+    elevation, variance, half_width, age.
 
     Heights are relative to the base; age [s] is there where it is known, NaN of what was never in
     an image. Cells go backwards and to the right from the one farthest ahead at the left, as the

@@ -1,4 +1,5 @@
-"""Reads a recording of ROS (rosbag2 in SQLite or MCAP, or a bag of ROS 1) as the tables of a run log.
+"""Reads a recording of ROS (rosbag2 in SQLite or MCAP, or a bag of ROS 1)
+as the tables of a run log.
 
 Times of measurements are the headers' stamps, or, where they are empty, those at which the bag
 received a message. All count from the first message of joints: seconds since 1970 would leave
@@ -108,7 +109,9 @@ def _joints(
 
 
 def _whole(messages: Messages, topic: str, notes: list[str]) -> Messages:
-    """The messages of a topic that name all joints of the longest: a gripper may send its own on the same topic."""
+    """The messages of a topic that name all joints of the longest:
+    a gripper may send its own on the same topic.
+    """
     named = Counter(each.message.name for each in messages)
     most = max(named, key=lambda names: (len(names), named[names]))
     whole = {names for names in named if {*most} <= {*names}}
@@ -129,7 +132,8 @@ def _signals(
     signals: Sequence[str],
     left_out: Sequence[str],
 ) -> dict[str, Floats]:
-    """Values of `signals` in joint messages, in the order of `names`, shape (messages, joints) each.
+    """Values of `signals` in joint messages, in the order of `names`,
+    shape (messages, joints) each.
 
     NaN stands for a joint that they do not name, as a gripper that takes commands of another kind.
     """

@@ -1,4 +1,5 @@
-"""Claims of `meta.json` of a run log about the rig: which keys there must be, and what values they may have.
+"""Claims of `meta.json` of a run log about the rig:
+which keys there must be, and what values they may have.
 
 The simulator that a log is compared with is built from these claims, so each of them is checked
 before anything else.
@@ -55,7 +56,8 @@ SIZE: Range = (1e-6, 1e5, "m")
 
 
 def claim_of(robot: Robot) -> str:
-    """Claim of meta.json about a robot: its name where Saltus ships it, else its model beside meta.json.
+    """Claim of meta.json about a robot: its name where Saltus ships it,
+    else its model beside meta.json.
 
     A robot of one's own that has a shipped one's name is that one only with the same model,
     wherever its camera sits.

@@ -24,7 +24,8 @@ NO_RETURN = 65535  # DepthFrame: nothing within range; a run log knows only "inv
 
 
 def export_run_log(recording: Recording, directory: Path) -> None:
-    """Writes a recording as a run log, with the robot's model beside it where Saltus does not ship that robot.
+    """Writes a recording as a run log, with the robot's model beside it
+    where Saltus does not ship that robot.
 
     Raises:
         RecordingError: the recording has no joint data, or the directory cannot be written.
@@ -159,7 +160,9 @@ def _joints(logs: list[JointLog]) -> JointTable:
 
 
 def _row_times(logs: list[JointLog]) -> Floats:
-    """Times of all rows: even between the beginnings of two messages, which follow each other unevenly."""
+    """Times of all rows: even between the beginnings of two messages,
+    which follow each other unevenly.
+    """
     most = len(logs[0].position)
     starts_s, first = np.array([(log.time_ns * 1e-9, log.step * most) for log in logs]).T
     rows = np.concatenate([log.step * most + np.arange(len(log.position)) for log in logs])

@@ -148,7 +148,9 @@ UNDER_WAY = (ControllerMode.RUN, ControllerMode.WALK)
 
 
 def heightmap_error(recording: Recording) -> float:
-    """Mean absolute error of the predicted heights [m] while it runs or walks on a heightmap of status OK."""
+    """Mean absolute error of the predicted heights [m] while it runs
+    or walks on a heightmap of status OK.
+    """
     running = {state.step for state in recording.of(RobotState) if state.mode in UNDER_WAY}
     truth = {message.step: message.height for message in recording.of(GroundTruth)}
     errors = [
@@ -162,7 +164,9 @@ def heightmap_error(recording: Recording) -> float:
 
 
 def _troubles(recording: Recording) -> list[str]:
-    """Troubles between a robot's first step and its end, the first of each kind, one phrase each, in order."""
+    """Troubles between a robot's first step and its end,
+    the first of each kind, one phrase each, in order.
+    """
     # A computer is too slow from the beginning; that takes seconds to tell.
     events = sorted(
         recording.of(Event), key=lambda event: (event.code != "too_slow", event.time_ns)

@@ -136,7 +136,9 @@ class ViewerMessage:
 
 
 class Viewer:
-    """Derives what a viewer needs of the messages of one run, which it is given in order of arrival."""
+    """Derives what a viewer needs of the messages of one run,
+    which it is given in order of arrival.
+    """
 
     def __init__(self, robot: Robot, terrain: Terrain) -> None:
         self._terrain = terrain

@@ -1,4 +1,6 @@
-"""Parts that figures of several reports share: colours, axes, the ground, and lines where feet stand."""
+"""Parts that figures of several reports share:
+colours, axes, the ground, and lines where feet stand.
+"""
 
 from collections.abc import Sequence
 
@@ -23,7 +25,9 @@ def laid_out(
     legend_y: float | None = None,
     **layout: object,
 ) -> go.Figure:
-    """The figure itself, with its height [px], titles of its axes, and a flat legend from `legend_y` up."""
+    """The figure itself, with its height [px], titles of its axes,
+    and a flat legend from `legend_y` up.
+    """
     if x:
         figure.update_xaxes(title=x)
     if y:
@@ -71,7 +75,9 @@ def contact_figure(time_s: Times, legs: Sequence[str], scheduled: Mask, loaded: 
 
 
 def _around_changes(mask: Mask) -> NDArray[np.intp]:
-    """The samples that a line needs which is drawn where a mask, shape (n,), holds: first, last, and at each change."""
+    """The samples that a line needs which is drawn where a mask,
+    shape (n,), holds: first, last, and at each change.
+    """
     changes = np.flatnonzero(mask[1:] != mask[:-1])
     return (
         np.unique(np.concatenate([[0], changes, changes + 1, [len(mask) - 1]]))

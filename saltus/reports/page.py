@@ -41,7 +41,9 @@ def render(module_file: str, **shown: object) -> str:
 
 
 def write_page(path: Path, text: str) -> None:
-    """Writes a page whole or not at all, and beside it what draws its figures; `OSError` where it cannot."""
+    """Writes a page whole or not at all, and beside it what draws its figures;
+    `OSError` where it cannot.
+    """
     brought = bring_plotly(path.parent, text)
     try:
         write_whole(path, text)

@@ -1,4 +1,5 @@
-"""A robot's legs as a camera on its trunk sees them: capsules for thighs and calves, balls for feet.
+"""A robot's legs as a camera on its trunk sees them:
+capsules for thighs and calves, balls for feet.
 
 Trunk and hips are left out: a camera in front of the trunk that looks ahead has them behind its
 image plane or, at less than 2 cm in front of it, outside of any field of view below 150 degrees.
@@ -32,7 +33,9 @@ class Capsules:
 
 
 class LegShapes:
-    """Four thighs, four calves and four feet of a robot, each in the order of `saltus.robots.robot.LEGS`."""
+    """Four thighs, four calves and four feet of a robot,
+    each in the order of `saltus.robots.robot.LEGS`.
+    """
 
     def __init__(self, robot: Robot) -> None:
         scale = Similarity.of_robot(robot).length

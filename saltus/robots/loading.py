@@ -30,7 +30,9 @@ def load_robot(name_or_path: str) -> Robot:
 
 
 def reference_robot() -> Robot:
-    """The robot to whose torque limits the schema of run logs refers where a log's own model states none."""
+    """The robot to whose torque limits the schema of run logs refers
+    where a log's own model states none.
+    """
     return load_robot(REFERENCE)
 
 

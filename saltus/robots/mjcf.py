@@ -1,4 +1,6 @@
-"""A robot from an MJCF and one short TOML, and what of it was read, given, derived, guessed or not found."""
+"""A robot from an MJCF and one short TOML, and what of it was read,
+given, derived, guessed or not found.
+"""
 
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -43,7 +45,8 @@ class Derivation:
 
 
 def derive(mjcf: Path, supplement: Path | None = None) -> Derivation:
-    """Derives a robot from its model, and a TOML file with fields of `saltus.robots.supplement.Supplement`.
+    """Derives a robot from its model, and a TOML file with fields
+    of `saltus.robots.supplement.Supplement`.
 
     Raises:
         ModelError: the model cannot be read, or its legs are not of our kind.

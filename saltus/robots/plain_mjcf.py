@@ -26,7 +26,9 @@ Shape = dict[str, str]
 
 
 def trunk_box(structure: Structure) -> tuple[Floats, Floats]:
-    """Centre and full edge lengths [m], base frame, of the box around all that is solid of the trunk, shapes (3,)."""
+    """Centre and full edge lengths [m], base frame,
+    of the box around all that is solid of the trunk, shapes (3,).
+    """
     model, geoms = structure.model, _geoms(structure.model, structure.base)
     solid = [
         geom for geom in geoms if model.geom_contype[geom] | model.geom_conaffinity[geom]
@@ -93,7 +95,9 @@ def write_mjcf(
 
 
 def kept_rod(model: mujoco.MjModel, leg: Leg, link: int) -> int | None:
-    """The one capsule that is all that is solid of a link, besides the foot; None where it is not so."""
+    """The one capsule that is all that is solid of a link,
+    besides the foot; None where it is not so.
+    """
     solid = [
         geom
         for geom in _geoms(model, leg.body[link])

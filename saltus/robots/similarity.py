@@ -1,4 +1,5 @@
-"""Numbers that an MJCF cannot say and that nobody has given: those of a robot whose controller is tuned, scaled.
+"""Numbers that an MJCF cannot say and that nobody has given:
+those of a robot whose controller is tuned, scaled.
 
 Two robots that move alike in proportion to their size have the same accelerations. With legs
 `length` times as long and `mass` times the mass, times scale as the square root of length, forces
@@ -58,7 +59,9 @@ class Similarity:
         speeds: Iterable[str] = (),
         rates: Iterable[str] = (),
     ) -> Numbers:
-        """The reference's numbers for this robot: by name what grows as lengths, speeds and rates do."""
+        """The reference's numbers for this robot:
+        by name what grows as lengths, speeds and rates do.
+        """
         changes = {name: getattr(numbers, name) * self.length for name in lengths}
         changes |= {name: getattr(numbers, name) * (self.length / self.time) for name in speeds}
         changes |= {name: getattr(numbers, name) / self.time for name in rates}

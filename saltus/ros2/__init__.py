@@ -1,1 +1,3 @@
-"""A run and a ROS 2 graph speak to each other: heights, depth and state out, other people's robots in."""
+"""A run and a ROS 2 graph speak to each other:
+heights, depth and state out, other people's robots in.
+"""

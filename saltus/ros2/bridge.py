@@ -1,4 +1,6 @@
-"""Between the bus of a run and a ROS 2 graph: what is sent, what is taken, and what is missing for it."""
+"""Between the bus of a run and a ROS 2 graph:
+what is sent, what is taken, and what is missing for it.
+"""
 
 import math
 import time

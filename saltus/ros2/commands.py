@@ -1,4 +1,6 @@
-"""Velocity commands of ROS, made an operator's: what `teleop_twist_keyboard` or Nav2 send as `cmd_vel`."""
+"""Velocity commands of ROS, made an operator's:
+what `teleop_twist_keyboard` or Nav2 send as `cmd_vel`.
+"""
 
 import math
 from collections import Counter

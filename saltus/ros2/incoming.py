@@ -1,4 +1,5 @@
-"""Messages of ROS from somebody's robot, made ours: what the heightmap service reads, and nothing to be obeyed.
+"""Messages of ROS from somebody's robot, made ours:
+what the heightmap service reads, and nothing to be obeyed.
 
 Bytes come from whoever reaches the ROS router. `RosIntake` counts what it cannot use and goes on;
 what it makes of the rest is checked once more by whoever reads it on the bus.
@@ -117,7 +118,8 @@ class RosIntake:
         return COMPRESSED if name == "depth" and is_compressed else TYPES[name]
 
     def take(self, kind: str, payload: bytes, now_ns: int) -> DepthFrame | None:
-        """Takes a message of a kind of `TYPES`, of a further camera `KIND/NAME`, at a time of the run.
+        """Takes a message of a kind of `TYPES`,
+        of a further camera `KIND/NAME`, at a time of the run.
 
         Returns an image where it brings one.
         """
@@ -181,7 +183,9 @@ class RosIntake:
         )
 
     def _joints(self, rotation: Floats) -> tuple[Floats, Floats, Floats, float]:
-        """Angles, speeds, torques, and height of the base where the lowest foot stands, or usually [m]."""
+        """Angles, speeds, torques, and height of the base where the lowest foot stands,
+        or usually [m].
+        """
         if "joints" not in self._needed:
             return (
                 self._robot.stand_pose,

@@ -124,7 +124,9 @@ class Exporter:
 
 
 def millimetres(frame: DepthFrame) -> NDArray[np.uint16]:
-    """A depth image as ROS has it (REP 118): in millimetres, 0 where there is none, also for nothing within range."""
+    """A depth image as ROS has it (REP 118): in millimetres,
+    0 where there is none, also for nothing within range.
+    """
     depth = np.where(frame.depth == np.iinfo(np.uint16).max, 0, frame.depth)
     scaled = np.rint(depth * (frame.depth_unit_m / 1e-3))
     return np.where(scaled > np.iinfo(np.uint16).max, 0, scaled).astype(np.uint16)

@@ -34,7 +34,9 @@ ENVIRONMENT = {
 
 
 class Child:
-    """A program: the process that runs, one that may wait to take over, and what is known of its health."""
+    """A program: the process that runs, one that may wait to take over,
+    and what is known of its health.
+    """
 
     def __init__(self, program: Program, log: Path, clock: RunClock) -> None:
         self.program = program

@@ -28,7 +28,9 @@ def say_loaded() -> None:
 
 
 def told(wait_s: float = 0.0) -> bool | None:
-    """True where it should begin: None while nothing has been said, False where the supervisor is gone."""
+    """True where it should begin: None while nothing has been said,
+    False where the supervisor is gone.
+    """
     if not select.select([_LINE], [], [], wait_s)[0]:
         return None
     with contextlib.suppress(ConnectionResetError):

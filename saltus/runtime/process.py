@@ -1,4 +1,5 @@
-"""Parts that the entry point of a process needs: arguments, configuration, bus, clock, proof of life, a clean end.
+"""Parts that the entry point of a process needs:
+arguments, configuration, bus, clock, proof of life, a clean end.
 
 A process is a pure class with `step(...)`; its `__main__` wires it to the bus and nothing else.
 `saltus.policy.__main__` is an example: slow things first, then subscribe, then `context.ready()`,

@@ -61,7 +61,8 @@ class _Period:
 
 
 class RealTimeMonitor:
-    """Adds up what the processes have told lately of the messages that they receive, from `robot`'s first word on.
+    """Adds up what the processes have told lately of the messages that they receive,
+    from `robot`'s first word on.
 
     The processes themselves measure: on a busy computer the supervisor, of which all this is a
     part, may be late though nobody waits for it.

@@ -1,4 +1,6 @@
-"""The recording of a run whose supervisor has other things to do: what waits is bounded, a full disk ends no run."""
+"""The recording of a run whose supervisor has other things to do:
+what waits is bounded, a full disk ends no run.
+"""
 
 import json
 from collections import deque

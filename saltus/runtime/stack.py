@@ -55,8 +55,9 @@ STANDSTILL_S = 30.0  # of the machine; a landing in lockstep takes a few
 LAST_WORDS_S = 0.5  # for the supervisor's own events to come back to its recorder
 POLL_S = 0.01
 DRAIN_S = 0.04
-"""Period at which arrived messages are read, in real time. Every 10 ms it took the supervisor a tenth more
-processor time (`saltus bench stack`): others displace its code from the caches meanwhile."""
+"""Period at which arrived messages are read, in real time. Every 10 ms it took the supervisor a
+tenth more processor time (`saltus bench stack`): others displace its code from the caches
+meanwhile."""
 
 
 class Stack:
@@ -252,7 +253,9 @@ class Stack:
 
     @property
     def _links_directly(self) -> bool:
-        """In lockstep the router passes messages on in the order of cause and effect, as the recorder dates them."""
+        """In lockstep the router passes messages on in the order of cause and effect,
+        as the recorder dates them.
+        """
         return self.config.pace == "realtime"
 
     def _look_after(self, child: Child) -> None:
@@ -332,7 +335,9 @@ class Stack:
             self._event("too_slow", str(factor))
 
     def _note_life(self, raw: RawSample) -> None:
-        """Whatever a process says shows that it lives: who stood still for 0.5 s sends its status without links."""
+        """Whatever a process says shows that it lives:
+        who stood still for 0.5 s sends its status without links.
+        """
         child = self._children.get(sender_of(raw.key))
         arrival_s = 1e-9 * self._clock.of_monotonic(raw.arrival_ns)
         if child is None or arrival_s < child.started_s:

@@ -85,7 +85,9 @@ class BatchPlant(DrivenRobots):
         yaw: ArrayLike = 0.0,
         clearance: float = CLEARANCE,
     ) -> PlantState:
-        """Puts robots (by default all) at rest in their stand pose; each value of shape () or (len(indices),)."""
+        """Puts robots (by default all) at rest in their stand pose;
+        each value of shape () or (len(indices),).
+        """
         ids = np.arange(len(self._time)) if indices is None else np.asarray(indices)
         x, turn = (
             np.broadcast_to(np.asarray(v, dtype=np.float64), ids.shape) for v in (position_x, yaw)

@@ -61,11 +61,15 @@ class Engine(ABC):
 
     @abstractmethod
     def touching(self) -> Array:
-        """Which shapes touched the terrain at the start of the last step: shape (count, 16), order of `TOUCHING`."""
+        """Which shapes touched the terrain at the start of the last step:
+        shape (count, 16), order of `TOUCHING`.
+        """
 
     @abstractmethod
     def crowded(self) -> Array:
-        """Which robots had contacts that found no room since the last call, and were not simulated: shape (count,)."""
+        """Which robots had contacts that found no room since the last call,
+        and were not simulated: shape (count,).
+        """
 
     @abstractmethod
     def set_terrain(self, boxes: Boxes) -> None:
@@ -77,11 +81,15 @@ class Engine(ABC):
 
     @abstractmethod
     def set_joints(self, friction: Array, damping: Array, armature: Array) -> None:
-        """Dry friction [Nm], viscous friction [Nm s/rad] and inertia beyond the model's [kg m^2], (count or 1, 12)."""
+        """Dry friction [Nm], viscous friction [Nm s/rad] and inertia beyond the model's [kg m^2],
+        (count or 1, 12).
+        """
 
 
 def build_spec(robot: Robot, boxes: int, dimensions: int) -> mujoco.MjSpec:
-    """The robot of `scene.build_spec` with `boxes` terrain boxes, a trunk that is not solid and no force sensors."""
+    """The robot of `scene.build_spec` with `boxes` terrain boxes,
+    a trunk that is not solid and no force sensors.
+    """
     spec = scene.build_spec(
         robot, flat.make(), payload_kg=MEDIUM_PAYLOAD_KG, columns=boxes, dimensions=dimensions
     )

@@ -1,4 +1,6 @@
-"""Many copies of one robot on one ground, put into given states and driven by given torques: short replays of a log."""
+"""Many copies of one robot on one ground, put into given states and driven by given torques:
+short replays of a log.
+"""
 
 from dataclasses import dataclass
 
@@ -67,7 +69,9 @@ class FreeRobots(MujocoBatch):
         self.field("geom_solimp")[:n, self.layout.robot, :2] = impedance[:, None]
 
     def set_payload_position(self, position: Floats) -> None:
-        """Puts the payload's mass of every robot there, before `set_bodies` [m], base frame, shape (3,)."""
+        """Puts the payload's mass of every robot there,
+        before `set_bodies` [m], base frame, shape (3,).
+        """
         self.layout.write_payload_position(self.field, position)
 
     def place(self, qpos: Floats, qvel: Floats) -> None:
@@ -82,7 +86,9 @@ class FreeRobots(MujocoBatch):
 
     @property
     def foot_force(self) -> Floats:
-        """Force of the ground on each foot, mean over the last step, world frame [N], shape (count, 4, 3)."""
+        """Force of the ground on each foot, mean over the last step,
+        world frame [N], shape (count, 4, 3).
+        """
         return -self._sensors[:, scene.FOOT_FORCE].reshape(-1, 4, 3)
 
 

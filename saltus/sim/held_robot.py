@@ -46,7 +46,8 @@ class LinearLegs:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RollingBase:
-    """Coupling of a base that may roll about its x axis and the joints along a motion, at n instants.
+    """Coupling of a base that may roll about its x axis and the joints along a motion,
+    at n instants.
 
     Per angle [1/rad], rate [s/rad] and acceleration [s^2/rad] of the base, in this order; moments
     and torques in [Nm].
@@ -188,7 +189,9 @@ class HeldRobot:
         )
 
     def _evaluate(self, position: Floats, velocity: Floats) -> tuple[Floats, Floats]:
-        """Mass matrices, shape (instants, branches, joints, joints), and bias forces with claimed damping."""
+        """Mass matrices, shape (instants, branches, joints, joints),
+        and bias forces with claimed damping.
+        """
         model = self._model
         if self._batch is None:
             self._batch = Batch(model, nsim=CHUNK, nthread=1)
@@ -281,7 +284,9 @@ def _branches(model: mujoco.MjModel, dof: NDArray[np.integer]) -> NDArray[np.int
 
 
 def _mass_entries(model: mujoco.MjModel) -> NDArray[np.int64]:
-    """Where an entry lies in the engine's sparse mass matrix, shape (nv, nv); 0 for joints of different chains."""
+    """Where an entry lies in the engine's sparse mass matrix, shape (nv, nv);
+    0 for joints of different chains.
+    """
     index = np.zeros((model.nv, model.nv), dtype=np.int64)
     for row in range(model.nv):
         for k in range(model.M_rownnz[row]):

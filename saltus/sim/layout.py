@@ -1,4 +1,5 @@
-"""Where robot and terrain lie in the arrays of a compiled model, and how robots of an engine get others.
+"""Where robot and terrain lie in the arrays of a compiled model,
+and how robots of an engine get others.
 
 One model, a batch in MuJoCo and one in mujoco_warp have the same fields, in numpy or torch, without
 or with a leading dimension of robots; what differs from robot to robot is written to them by the
@@ -76,7 +77,8 @@ class ModelLayout:
         armature: Array | float,
         robots: Robots = EVERYONE,
     ) -> None:
-        """Gives joints dry friction [Nm], viscous friction [Nm s/rad] and inertia beyond the model's [kg m^2].
+        """Gives joints dry friction [Nm], viscous friction [Nm s/rad]
+        and inertia beyond the model's [kg m^2].
 
         Arrays have the shape (n or 1, 12), or (12,) where there is no n.
         """

@@ -1,4 +1,6 @@
-"""A robot along a measured motion: the forces that its bodies need for it, and where it touches the ground."""
+"""A robot along a measured motion: the forces that its bodies need for it,
+and where it touches the ground.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -77,7 +79,9 @@ class MeasuredRobot:
         self._data = mujoco.MjData(self._model)
 
     def forces(self, motion: MeasuredMotion, body: BodyModel) -> Floats:
-        """Forces of this motion: force [N] and moment [Nm] on the base, torques of joints, shape (n, 18)."""
+        """Forces of this motion: force [N] and moment [Nm] on the base,
+        torques of joints, shape (n, 18).
+        """
         self._layout.write_bodies(lambda name: getattr(self._model, name), body, robots=())
         mujoco.mj_setConst(self._model, mujoco.MjData(self._model))
         data, found = self._data, np.empty_like(motion.velocity)

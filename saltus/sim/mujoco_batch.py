@@ -73,7 +73,9 @@ class MujocoBatch:
         self.layout.write_bodies(self.field, BodyModel(**values), (robots,))
 
     def derive(self, robots: Array) -> None:
-        """Has what the engine derives from masses, softness of contacts above all, follow those of `set_bodies`."""
+        """Has what the engine derives from masses,
+        softness of contacts above all, follow those of `set_bodies`.
+        """
         self.batch.set_const(robots)
 
     def set_joints(

@@ -23,7 +23,8 @@ LIFT = 0.003  # shadows float this far above the ground, else they flicker [m]
 def draw_heightmap(
     shapes: mujoco.MjvScene, base_pose: Floats, grid: HeightGrid, height: Floats
 ) -> None:
-    """Adds a ball for each finite point of a heightmap and lines between those that follow each other in x or in y.
+    """Adds a ball for each finite point of a heightmap
+    and lines between those that follow each other in x or in y.
 
     Args:
         shapes: What is drawn; shapes are added to it.
@@ -43,7 +44,9 @@ def draw_heightmap(
 
 
 def heightmap_in_world(base_pose: Floats, grid: HeightGrid, height: Floats) -> Floats:
-    """Points of a heightmap in the world [m], shape (grid.size, 3); arguments as for `draw_heightmap`."""
+    """Points of a heightmap in the world [m], shape (grid.size, 3);
+    arguments as for `draw_heightmap`.
+    """
     local = np.concatenate([grid.points, np.asarray(height, dtype=np.float64)[:, None]], axis=1)
     return base_pose[:3] + local @ _heading(base_pose).T
 

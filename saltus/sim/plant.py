@@ -38,7 +38,8 @@ def standing_pose(
     yaw: Floats,
     clearance: float = CLEARANCE,
 ) -> Floats:
-    """`qpos` of robots in their stand pose with their feet `clearance` above the highest ground under them.
+    """`qpos` of robots in their stand pose with their feet
+    `clearance` above the highest ground under them.
 
     Args:
         robot: Its kind.

@@ -1,4 +1,5 @@
-"""Robot and terrain as one MuJoCo model: the robot's own, with the terrain, motors and sensors added.
+"""Robot and terrain as one MuJoCo model: the robot's own,
+with the terrain, motors and sensors added.
 
 The robot is ideal: torque motors without limits, armature, no joint damping, no joint friction.
 Everything else that a drive does is an effect.
@@ -142,7 +143,9 @@ def _add_motors(spec: mujoco.MjSpec) -> None:
 
 
 def _load(spec: mujoco.MjSpec, robot: Robot, payload_kg: float) -> None:
-    """Puts the payload on top of the trunk: a body of its own, so that a batch can give each robot another one."""
+    """Puts the payload on top of the trunk: a body of its own,
+    so that a batch can give each robot another one.
+    """
     payload = spec.body(PAYLOAD)
     x, y, z = robot.trunk_center
     payload.pos = (x, y, z + 0.5 * (robot.trunk_size[2] + PAYLOAD_SIZE[2]))

@@ -1,4 +1,6 @@
-"""Robot and terrain as triangles, for viewers that are no MuJoCo: shapes of videos, and where they are in a pose."""
+"""Robot and terrain as triangles, for viewers that are no MuJoCo:
+shapes of videos, and where they are in a pose.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -89,7 +91,8 @@ class RobotShapes:
         return [part for geom in self._seen for part in self._primitives_of(int(geom))]
 
     def turns(self, joint_position: ArrayLike) -> Floats:
-        """How each body is turned in the frame of the one that it hangs on (w, x, y, z), shape (n, 4).
+        """How each body is turned in the frame of the one that it hangs on (w, x, y, z),
+        shape (n, 4).
 
         The trunk is not turned. Joint positions are in rad, shape (12,).
         """

@@ -1,4 +1,6 @@
-"""A recorded run as a video: the robot, the terrain, and on it what the robot believed the terrain to be."""
+"""A recorded run as a video: the robot, the terrain,
+and on it what the robot believed the terrain to be.
+"""
 
 from collections.abc import Generator, Iterable, Iterator
 from pathlib import Path
@@ -159,7 +161,9 @@ def write_video(
 
 
 def test_frame(robot: Robot, grid: HeightGrid) -> Frame:
-    """One picture of the robot in front of stairs, shape (480, 640, 3): shows that drawing works on this machine."""
+    """One picture of the robot in front of stairs, shape (480, 640, 3):
+    shows that drawing works on this machine.
+    """
     terrain = level.make("stairs", steps=5, rise_m=0.06, run_m=0.25)
     x, zero = np.asarray(terrain.first_edge_x - 0.4), np.zeros(())
     pose = standing_pose(robot, terrain, x, zero, clearance=0.0)
@@ -196,7 +200,9 @@ def _camera() -> mujoco.MjvCamera:
 
 
 def _aim(time_s: Floats, position: Floats) -> Floats:
-    """Where the camera looks at each sample: a moving mean of the base, a little ahead of it, shape (n, 3)."""
+    """Where the camera looks at each sample:
+    a moving mean of the base, a little ahead of it, shape (n, 3).
+    """
     first = np.searchsorted(time_s, time_s - SMOOTHING_S, side="left")
     last = np.searchsorted(time_s, time_s + SMOOTHING_S, side="right")
     total = np.concatenate([np.zeros((1, 3)), np.cumsum(position, axis=0)])

@@ -1,4 +1,6 @@
-"""The physics of training on a GPU: mujoco_warp, its memory seen through torch, its step in a CUDA graph."""
+"""The physics of training on a GPU: mujoco_warp,
+its memory seen through torch, its step in a CUDA graph.
+"""
 
 import mujoco
 import mujoco_warp

@@ -87,7 +87,9 @@ class Courses:
         return heights if self.own is None else self.own.height_at(x, y, heights)
 
     def boxes(self) -> Boxes:
-        """Columns and floor, arrays of shape (n, BOXES, ...); more boxes where courses of one's own have more."""
+        """Columns and floor, arrays of shape (n, BOXES, ...);
+        more boxes where courses of one's own have more.
+        """
         xp = namespace(self.low)
         low = xp.concat([self.low, self.low[:, :1]], axis=-1)
         high = xp.concat([self.high, self.high[:, -1:]], axis=-1)

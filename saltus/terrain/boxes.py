@@ -1,4 +1,5 @@
-"""Boxes that may be turned: one as a value, and many as arrays with the height of what lies under a point.
+"""Boxes that may be turned: one as a value, and many as arrays
+with the height of what lies under a point.
 
 A box is turned about its centre: by `pitch` about y (nose down positive, as of a body), then by
 `yaw` about z.
@@ -133,7 +134,9 @@ class Boxes:
 
     @classmethod
     def from_tables(cls, tables: Sequence[Mapping[str, object]]) -> "Boxes":
-        """From the boxes of a run log: `center` and full `size` [m], `pitch` and `yaw` [rad] where they are not 0."""
+        """From the boxes of a run log: `center` and full `size` [m],
+        `pitch` and `yaw` [rad] where they are not 0.
+        """
         center, size = (
             np.array([t[key] for t in tables], dtype=np.float64).reshape(-1, 3)
             for key in ("center", "size")

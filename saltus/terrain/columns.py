@@ -1,4 +1,6 @@
-"""Courses whose boxes are columns side by side along x: one search along x finds a height, whatever the y."""
+"""Courses whose boxes are columns side by side along x:
+one search along x finds a height, whatever the y.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +15,9 @@ from saltus.terrain.boxes import Box
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Columns:
-    """Level boxes side by side along x, in this order, of one width about y = 0 and with one underside."""
+    """Level boxes side by side along x, in this order,
+    of one width about y = 0 and with one underside.
+    """
 
     x: Floats
     """Where the first begins and each ends [m], shape (n + 1,)."""

@@ -31,7 +31,8 @@ AHEAD_RAD = math.radians(60.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Course(Value):
-    """Segments one behind the other, after level ground at the start and before level ground at the end.
+    """Segments one behind the other, after level ground
+    at the start and before level ground at the end.
 
     Raises:
         ConfigError: it has no segment, or a size that is none.
@@ -106,7 +107,9 @@ class CourseFamily:
 
 
 def course_family(name: str) -> CourseFamily | None:
-    """The courses of a shipped name, or of a file that has segments in place of boxes; None where it is neither."""
+    """The courses of a shipped name, or of a file that has segments in place of boxes;
+    None where it is neither.
+    """
     shipped = FOLDER / f"{name}.toml"
     if shipped.is_file():
         return CourseFamily(shipped)

@@ -60,7 +60,9 @@ class Size:
 
 @dataclass(frozen=True, kw_only=True)
 class SizedFamily:
-    """A family whose sizes can be given one by one, each in place of what the difficulty or a default would make it."""
+    """A family whose sizes can be given one by one,
+    each in place of what the difficulty or a default would make it.
+    """
 
     make: Callable[..., Terrain]
     """Takes the sizes by their names, and `rng` where something is drawn."""
@@ -163,7 +165,8 @@ _BROUGHT = FAMILIES | SCENERY
 
 
 def make_terrain(config: TerrainConfig) -> Terrain:
-    """Builds the terrain that `config` describes; its family may be a course's TOML file or installed.
+    """Builds the terrain that `config` describes;
+    its family may be a course's TOML file or installed.
 
     Raises:
         ConfigError: there is no such terrain, a size or the difficulty is out of range, or a size

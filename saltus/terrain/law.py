@@ -1,4 +1,5 @@
-"""The one law of each kind of terrain that is made of level columns, for one course (`level`) and thousands (`batch`).
+"""The one law of each kind of terrain that is made of level columns,
+for one course (`level`) and thousands (`batch`).
 
 A course is columns behind the ground at the start, each with a trench before it that may have no
 width.

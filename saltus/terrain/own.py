@@ -1,4 +1,5 @@
-"""Families of terrain of one's own: functions that installed packages name in the entry-point group `saltus.terrains`.
+"""Families of terrain of one's own: functions that installed packages name
+in the entry-point group `saltus.terrains`.
 
     [project.entry-points."saltus.terrains"]
     ledges = "my_package.ledges:make"

@@ -8,7 +8,9 @@ from saltus.terrain.terrain import FINISH_AFTER_COURSE, FIRST_EDGE_X, WIDTH, Ter
 
 
 def make(kind: str, *, slope_deg: float, run_m: float) -> Terrain:
-    """A slope of an angle [deg] and a length along x [m] that leads up, or down where `kind` is "ramp_down"."""
+    """A slope of an angle [deg] and a length along x [m] that leads up, or down where `kind` is
+    "ramp_down".
+    """
     up = run_m * math.tan(math.radians(slope_deg)) * (-1.0 if kind == "ramp_down" else 1.0)
     sizes = {"slope_deg": slope_deg, "run_m": run_m}
     level = build(

@@ -1,4 +1,5 @@
-"""Segments of which a course in two dimensions is made: each lays its boxes where the one before it ends.
+"""Segments of which a course in two dimensions is made:
+each lays its boxes where the one before it ends.
 
 A size is a number, or two, an easy and a hard one, between which it is drawn. Lengths are in
 metres, angles in radians.
@@ -152,7 +153,9 @@ class Ramp(Segment):
 
 @dataclass(frozen=True, kw_only=True)
 class Stones(Segment):
-    """Stones of a grid over a trench: each moved and turned within its cell, of its own size and height."""
+    """Stones of a grid over a trench: each moved and turned within its cell,
+    of its own size and height.
+    """
 
     kind = "stones"
     length: Size = 3.0

@@ -1,4 +1,5 @@
-"""Courses of families of one's own for a training: made before it begins, for robots to draw from at every start.
+"""Courses of families of one's own for a training:
+made before it begins, for robots to draw from at every start.
 
 A function of one's own makes one terrain at a time, on a processor; a training starts thousands of
 courses a second.

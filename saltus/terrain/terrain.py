@@ -1,4 +1,6 @@
-"""A terrain: boxes in the world, with exact heights for labels, and where a trial on it starts and ends."""
+"""A terrain: boxes in the world, with exact heights for labels,
+and where a trial on it starts and ends.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -72,7 +74,8 @@ class Terrain(Value):
 
     @cached_property
     def edges_x(self) -> Floats:
-        """Every x beyond the start at which the top of a box begins or ends, but for the ends of the terrain [m].
+        """Every x beyond the start at which the top of a box begins or ends,
+        but for the ends of the terrain [m].
 
         A change of height by zero counts: a course of difficulty 0 has the same edges. Ascending,
         shape (edges,).
@@ -113,7 +116,9 @@ class Terrain(Value):
 
     @cached_property
     def columns(self) -> Columns | None:
-        """The boxes as columns, where that is what they are: level, side by side along x, of one width."""
+        """The boxes as columns, where that is what they are:
+        level, side by side along x, of one width.
+        """
         return Columns.of(self.boxes)
 
     def height_at(self, x: Array, y: Array) -> Array:
@@ -150,7 +155,8 @@ class _CentredBox:
 
 
 def checked(terrain: Terrain, where: str) -> Terrain:
-    """A terrain that others made, `where` they did, if a robot can start on it and stand at its end.
+    """A terrain that others made, `where` they did,
+    if a robot can start on it and stand at its end.
 
     Raises:
         ConfigError: it cannot.

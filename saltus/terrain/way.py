@@ -1,4 +1,6 @@
-"""A way over ground in two dimensions, along which segments of a course lay their boxes one behind the other."""
+"""A way over ground in two dimensions, along which segments
+of a course lay their boxes one behind the other.
+"""
 
 import math
 from dataclasses import dataclass, field
@@ -100,7 +102,9 @@ class Way:
         )
 
     def boxes(self, floor_m: float, margin_m: float) -> tuple[Box, ...]:
-        """All of them on a floor `floor_m` below the lowest upper face that reaches `margin_m` beyond."""
+        """All of them on a floor `floor_m` below the lowest upper face
+        that reaches `margin_m` beyond.
+        """
         arrays = Boxes.of([box for box, _ in self.blocks])
         low = np.asarray(arrays.center - arrays.extent).min(axis=0) - margin_m
         high = np.asarray(arrays.center + arrays.extent).max(axis=0) + margin_m

@@ -105,7 +105,9 @@ class Drawing:
         self._root.remove()
 
     def draw(self, scene: Scene, looked_at: Floats) -> None:
-        """Shows a scene, so that this point of its world [m], shape (3,), is where the browser looks."""
+        """Shows a scene, so that this point of its world [m],
+        shape (3,), is where the browser looks.
+        """
         self._root.position = np.array([0.0, self._aside, 0.0]) - looked_at
         if scene.base_pose is not None:
             pose, turns = scene.base_pose, self._shapes.turns(scene.joint_position)
@@ -152,7 +154,9 @@ class Drawing:
 
 
 def _draw(lines: Any, heights: HeightsInWorld) -> None:
-    """Heights as lines of viser: a curve of one colour, or a net whose colours say how sure each point is."""
+    """Heights as lines of viser: a curve of one colour,
+    or a net whose colours say how sure each point is.
+    """
     usable = heights.status in (HeightmapStatus.OK, HeightmapStatus.DEGRADED)
     colour = np.array(PREDICTED if usable else UNTRUSTED, dtype=np.uint8)
     if usable and heights.shape[1] > 1:
@@ -178,7 +182,9 @@ def aside(worlds: list[World]) -> list[float]:
 
 
 def _net(points: Floats, shape: tuple[int, int]) -> NDArray[np.float32]:
-    """Lines between neighbours of a grid, shape (lines, 2, 3): a curve where it is a line, else a net."""
+    """Lines between neighbours of a grid, shape (lines, 2, 3):
+    a curve where it is a line, else a net.
+    """
     table = points.reshape(*shape, 3)
     ahead = np.stack([table[:-1], table[1:]], axis=2).reshape(-1, 2, 3)
     aside = np.stack([table[:, :-1], table[:, 1:]], axis=2).reshape(-1, 2, 3)

@@ -67,7 +67,8 @@ class Onlooker:
         return own + self._unheard(shared)
 
     def heard_until_ns(self) -> int:
-        """The time by this machine's monotonic clock until which it knows what was said: that of the newest batch.
+        """The time by this machine's monotonic clock until which it knows what was said:
+        that of the newest batch.
 
         While no batches come, time goes on all the same, and what was said last grows old.
         """

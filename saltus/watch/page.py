@@ -1,4 +1,6 @@
-"""The page: the picture in the middle, what may be done on the left, a panel of each run on the right."""
+"""The page: the picture in the middle, what may be done on the left,
+a panel of each run on the right.
+"""
 
 import html
 import queue
@@ -89,7 +91,9 @@ class Page:
         return bool(self._follow.value)
 
     def arrange(self, worlds: list[World], duration_s: float, *, may_ask: bool) -> None:
-        """Makes room for other runs: their grounds, their panels, the time line of recordings, fitting buttons."""
+        """Makes room for other runs: their grounds, their panels,
+        the time line of recordings, fitting buttons.
+        """
         with self.server.atomic():
             for old in (*self._drawings, *self._panels):
                 old.remove()

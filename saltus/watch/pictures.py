@@ -34,7 +34,9 @@ TICKS_X, TICKS_Z = (-0.4, 0.0, 0.4, 0.8), (-0.8, -0.4, 0.0, 0.4)  # [m]
 
 
 def picture(frame: DepthFrame) -> NDArray[np.uint8]:
-    """A depth image in colours (RGB): near is bright, nothing within range is grey, invalid is black."""
+    """A depth image in colours (RGB): near is bright,
+    nothing within range is grey, invalid is black.
+    """
     depth = frame.depth.astype(np.float64) * frame.depth_unit_m
     share = np.log(np.clip(depth, NEAR_M, RANGE_M) / NEAR_M) / math.log(RANGE_M / NEAR_M)
     colours = PALETTE[np.rint(255 * (1.0 - share)).astype(np.uint8)].copy()
@@ -44,7 +46,8 @@ def picture(frame: DepthFrame) -> NDArray[np.uint8]:
 
 
 def curves(heights: HeightsInWorld, scene: Scene) -> tuple[NDArray[np.float64], ...]:
-    """x, lower and upper end of the 90 % interval, prediction and truth (prediction, where nobody knows it) [m].
+    """x, lower and upper end of the 90 % interval,
+    prediction and truth (prediction, where nobody knows it) [m].
 
     Heights are relative to the base, those of the grid's middle column; each of shape (rows,).
     """

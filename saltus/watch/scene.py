@@ -1,4 +1,6 @@
-"""A run at an instant, as known from the messages of the seconds before it, live and recorded alike."""
+"""A run at an instant, as known from the messages of the seconds before it,
+live and recorded alike.
+"""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -134,7 +136,9 @@ class SceneMaker:
             del self._topics[unused]
 
     def make(self, arrivals: Iterable[Arrival], now_ns: int, events: tuple[Event, ...]) -> Scene:
-        """The scene at `now_ns`, from what came in within `LOOK_BACK_NS`, in order, and from all events."""
+        """The scene at `now_ns`, from what came in within `LOOK_BACK_NS`,
+        in order, and from all events.
+        """
         rows = list(arrivals)
         newest = {row.key: row for row in rows}
         rates = Counter(row.key for row in rows if row.arrival_ns > now_ns - RATE_OVER_NS)

@@ -1,4 +1,6 @@
-"""Where a page has its scenes from: a recording, or a run, live while it goes on and then from its recording."""
+"""Where a page has its scenes from: a recording, or a run,
+live while it goes on and then from its recording.
+"""
 
 from pathlib import Path
 
@@ -59,7 +61,9 @@ class Source:
         )
 
     def scene(self, time_s: float) -> Scene | None:
-        """The scene of now, or of a time since the beginning of the recording [s]; None before the run has begun."""
+        """The scene of now, or of a time since the beginning of the recording [s];
+        None before the run has begun.
+        """
         if self.live is not None:
             return self.live.now()
         return (

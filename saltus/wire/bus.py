@@ -297,7 +297,9 @@ def topic_of(key: str) -> Topic | None:
 
 
 def sender_of(key: str) -> str:
-    """The process that publishes under a key below the prefix: "render" of "done/render"; "" where there is none."""
+    """The process that publishes under a key below the prefix: "render" of "done/render"; ""
+    where there is none.
+    """
     topic = topic_of(key)
     if topic is None:
         return ""

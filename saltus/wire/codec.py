@@ -77,7 +77,8 @@ def encoding_of(kind: type[Message]) -> str:
 
 
 def encode(message: Message) -> bytes:
-    """Writes a message as CDR; `MessageError` where a field does not have the shape or type that travels.
+    """Writes a message as CDR; `MessageError`
+    where a field does not have the shape or type that travels.
 
     Values are checked by `decode`: what is sent is for the receiver to judge.
     """
@@ -127,7 +128,8 @@ def former_definitions_of(kind: type[Message]) -> list[str]:
 
 
 def of_today(kind: type[Message], former: int, data: bytes) -> bytes:
-    """The bytes of today for those of a message of an older recording, `former` in `former_definitions_of`.
+    """The bytes of today for those of a message of an older recording,
+    `former` in `former_definitions_of`.
 
     Raises:
         MessageError: they are none.

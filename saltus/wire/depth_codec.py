@@ -1,4 +1,6 @@
-"""The codec of depth images: a `sensor_msgs/Image` and the `sensor_msgs/CameraInfo` that goes with it."""
+"""The codec of depth images: a `sensor_msgs/Image`
+and the `sensor_msgs/CameraInfo` that goes with it.
+"""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -58,7 +60,9 @@ DEPTH_FIXED = ("depth_unit_m", "fx", "fy", "cx", "cy")
 
 
 def depth_on_the_wire(message: DepthFrame) -> DepthOnTheWire:
-    """A depth image as it travels: with a `sensor_msgs/Image` and the `sensor_msgs/CameraInfo` that goes with it."""
+    """A depth image as it travels: with a `sensor_msgs/Image`
+    and the `sensor_msgs/CameraInfo` that goes with it.
+    """
     depth = _pixels_of(message.depth)
     height, width = depth.shape
     head = header(message.time_ns, schemas.FRAME[DepthFrame])

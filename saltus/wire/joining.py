@@ -1,4 +1,6 @@
-"""How a process joins a Zenoh router: by an endpoint, or by the one file with which any Zenoh program joins."""
+"""How a process joins a Zenoh router: by an endpoint,
+or by the one file with which any Zenoh program joins.
+"""
 
 import base64
 import json
@@ -23,7 +25,9 @@ _LOOK_S = 1.0  # for a port to take a connection
 
 @dataclass(frozen=True, kw_only=True)
 class Certificate:
-    """A certificate, its key, and the certificate of who issued it and those of the others, all in PEM."""
+    """A certificate, its key, and the certificate of who issued it and those of the others,
+    all in PEM.
+    """
 
     authority: bytes
     certificate: bytes
@@ -74,7 +78,8 @@ def open_session(
 def write_client(
     path: Path, endpoint: str, certificate: Certificate | None = None, speed: float = 1.0
 ) -> None:
-    """Writes a configuration of Zenoh with which any program joins a router: `zenoh.Config.from_file(path)`.
+    """Writes a configuration of Zenoh with which any program joins a router:
+    `zenoh.Config.from_file(path)`.
 
     Only the owner of the JSON5 file can read it. `speed` is that of the run's clock, see
     `lease_slowed`.
@@ -124,7 +129,8 @@ def mutual_tls(own: Certificate, side: Literal["connect", "listen"]) -> dict[str
 
 
 def lease_slowed(settings: zenoh.Config, speed: float) -> None:
-    """Lets links last as long in the run's clock, of which `speed` seconds pass in one of the machine.
+    """Lets links last as long in the run's clock,
+    of which `speed` seconds pass in one of the machine.
 
     Who stands still for longer than the lease loses its links, and with them what is sent until it
     has new ones.
@@ -145,7 +151,9 @@ def _settings(role: str, endpoint: str, speed: float) -> zenoh.Config:
 
 
 def _refusal(router: str) -> str:
-    """Why a session could not be opened: Zenoh says no more than that it could not, and where in its source."""
+    """Why a session could not be opened: Zenoh says no more than that it could not,
+    and where in its source.
+    """
     host, _, port = router.removeprefix("tls/").rpartition(":")
     if router.startswith("tls/"):
         try:

@@ -1,4 +1,6 @@
-"""A small certificate authority in a folder: who may join a run's router over a network, and in which role."""
+"""A small certificate authority in a folder:
+who may join a run's router over a network, and in which role.
+"""
 
 import ipaddress
 import secrets
@@ -106,7 +108,8 @@ def issue(folder: Path, role: str, days: int) -> Path:
 
 
 def revoke(folder: Path, name: str) -> None:
-    """Takes a certificate off the list of those that may do anything, from the router's next start on.
+    """Takes a certificate off the list of those that may do anything,
+    from the router's next start on.
 
     Raises:
         ConfigError: there is no authority, or no such certificate that may join.

@@ -1,4 +1,5 @@
-"""Messages that the processes send each other: frozen dataclasses, SI units, one meaning for each field.
+"""Messages that the processes send each other:
+frozen dataclasses, SI units, one meaning for each field.
 
 Frames. *world*: z up, x along the course, yaw as the IMU reports it. *base*: at the trunk's
 geometric centre, x forward, y left, z up. *yaw frame*: world axes rotated by the yaw of the base,
@@ -163,13 +164,16 @@ def _on_the_axis() -> Floats:
 
 
 def points_of(heights: "Heightmap | GroundTruth") -> Floats:
-    """Place of each point of a message with heights, x and y in the yaw frame of the base [m], shape (points, 2)."""
+    """Place of each point of a message with heights,
+    x and y in the yaw frame of the base [m], shape (points, 2).
+    """
     return np.stack(np.meshgrid(heights.x, heights.y, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Heightmap:
-    """The terrain on a grid (`saltus.grid.HeightGrid`) at the time of the robot state with the same step.
+    """The terrain on a grid (`saltus.grid.HeightGrid`) at the time
+    of the robot state with the same step.
 
     Points stand row after row, each from its first y on; points = rows times columns.
     """
@@ -230,7 +234,9 @@ class MotionPlan:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointPlan:
-    """A plan of joint targets, in place of a `MotionPlan`: what a walking policy asks of the drives."""
+    """A plan of joint targets, in place of a `MotionPlan`:
+    what a walking policy asks of the drives.
+    """
 
     time_ns: int
     step: int
@@ -266,7 +272,9 @@ class DriveCommand:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointLog:
-    """The 500 Hz rows between two policy steps: state measured at a time and the command that takes force then."""
+    """The 500 Hz rows between two policy steps:
+    state measured at a time and the command that takes force then.
+    """
 
     time_ns: int
     """Time of the first row: that of the header."""

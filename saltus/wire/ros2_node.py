@@ -1,4 +1,5 @@
-"""A node of a ROS 2 graph that speaks over Zenoh (rmw_zenoh), without ROS: keys, liveliness tokens, attachments.
+"""A node of a ROS 2 graph that speaks over Zenoh (rmw_zenoh), without ROS:
+keys, liveliness tokens, attachments.
 
 Formats: rmw_zenoh's design document, of Jazzy and later. Payloads and type hashes are for the
     caller to make. Nothing
@@ -119,7 +120,9 @@ class Ros2Node:
         return Ros2Publisher(raw)
 
     def subscribe(self, topic: str, type_name: str, type_hash: str, slot: Slot) -> None:
-        """Announces a subscription and puts what comes into a slot, whatever its hash: Humble names none."""
+        """Announces a subscription and puts what comes into a slot,
+        whatever its hash: Humble names none.
+        """
         self._announce(SUBSCRIPTION, topic, type_name, type_hash, SENSOR)
 
         def receive(sample: zenoh.Sample) -> None:

@@ -1,4 +1,5 @@
-"""Fields of the ROS messages that are read and made, ROS 1 or 2: `rosbags` makes their classes at run time.
+"""Fields of the ROS messages that are read and made, ROS 1 or 2:
+`rosbags` makes their classes at run time.
 
 Messages of strangers are checked where they are read: these types say what a field is called, not
 that its values are sound.

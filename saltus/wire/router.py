@@ -41,7 +41,8 @@ class NetworkAccess:
 def open_router(
     network: NetworkAccess | None = None, speed: float = 1.0
 ) -> tuple[str, contextlib.ExitStack]:
-    """Opens a Zenoh router at a socket in a new folder that nobody but its owner may enter, and on a network if asked.
+    """Opens a Zenoh router at a socket in a new folder that nobody but its owner may enter,
+    and on a network if asked.
 
     `speed` is that of the run's clock, see `lease_slowed`.
 

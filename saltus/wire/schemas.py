@@ -1,4 +1,5 @@
-"""THE table of what travels: the fields of every message, their shapes and the bounds outside which it is refused.
+"""THE table of what travels: the fields of every message,
+their shapes and the bounds outside which it is refused.
 
 The text of the ROS 2 message definitions is derived from it. Bounds are not limits of the robot:
 they are wide enough for a simulated crash and narrow enough that nothing beyond them can be meant.

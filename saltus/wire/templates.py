@@ -1,4 +1,5 @@
-"""Messages of one kind by templates: the codec's own bytes of a sample, with holes for what changes.
+"""Messages of one kind by templates: the codec's own bytes of a sample,
+with holes for what changes.
 
 Field by field, reading and writing a message takes longer than most of what is done with it. But
 messages with the same texts and the same lengths of arrays differ in some known places alone. A
@@ -278,7 +279,9 @@ class Templates:
         return message
 
     def _template_of(self, message: Message) -> Template | None:
-        """The template of a message; made of the second that has it, as some texts never come again."""
+        """The template of a message; made of the second that has it,
+        as some texts never come again.
+        """
         key = self._key(message)
         template = self._templates.get(key)
         if template is None and key in self._templates:

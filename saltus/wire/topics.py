@@ -104,7 +104,8 @@ not get it."""
 
 
 def depth_topic(latency_s: float) -> Topic:
-    """The depth topic of a camera whose images arrive so long after exposure [s]: then they are on time.
+    """The depth topic of a camera whose images arrive so long after exposure [s]:
+    then they are on time.
 
     Images of a faster camera than the one that predictors know may be as old as that one's.
     """

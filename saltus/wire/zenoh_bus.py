@@ -136,7 +136,9 @@ class ZenohBus(Bus):
         return Sharer(publisher.put, lambda: _matches(publisher))
 
     def look_on(self, receive: Callable[[bytes], None]) -> None:
-        """Gives each batch that a supervisor hands on to `receive`, for `saltus.wire.sharing.unpacked`."""
+        """Gives each batch that a supervisor hands on to `receive`,
+        for `saltus.wire.sharing.unpacked`.
+        """
         self._session.declare_subscriber(
             f"{self.prefix}/{SHARED}", lambda it: receive(it.payload.to_bytes())
         )

@@ -1,4 +1,6 @@
-"""Files and messages that chance has damaged: each is read or refused in one line, and nothing dies, hangs or grows."""
+"""Files and messages that chance has damaged:
+each is read or refused in one line, and nothing dies, hangs or grows.
+"""
 
 import os
 import time

@@ -1,4 +1,6 @@
-"""The benchmark of depth to heights: what is scored, what predictors are given, and what is refused."""
+"""The benchmark of depth to heights: what is scored,
+what predictors are given, and what is refused.
+"""
 
 import json
 import re
@@ -349,7 +351,9 @@ def test_a_split_that_was_changed_is_refused(
 
 
 def test_inputs_say_nothing_of_the_truth(folder: Path, tmp_path: Path) -> None:
-    """Another truth of the same images makes the same file, and no column of it is a height of the grid."""
+    """Another truth of the same images makes the same file,
+    and no column of it is a height of the grid.
+    """
     others = [
         replace(
             run, truth=Truth(terrain="gap", height=2.0 * run.truth.height, view=1 - run.truth.view)

@@ -1,4 +1,6 @@
-"""`saltus bench hard_courses`: its rows are what they say, and trials that were kept are not run again."""
+"""`saltus bench hard_courses`: its rows are what they say,
+and trials that were kept are not run again.
+"""
 
 import json
 from pathlib import Path

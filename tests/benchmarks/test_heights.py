@@ -1,4 +1,6 @@
-"""The benchmark of heights: what is counted, where it goes on, and that its scenes are none of the training's."""
+"""The benchmark of heights: what is counted, where it goes on,
+and that its scenes are none of the training's.
+"""
 
 import json
 from pathlib import Path

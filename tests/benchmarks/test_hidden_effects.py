@@ -340,7 +340,9 @@ def test_packets_keep_their_order(late, is_whole):
 @pytest.mark.parametrize("effect", ["command_delay", "feedforward_delay"])
 @pytest.mark.parametrize("periods", [0.1, 0.6, 1.0, 3.4])
 def test_packets_come_in_whole_periods_from_one_period_on(joint_scene, effect, periods):
-    """A delay below a period makes no packet a period late; `tau_ff` is never there before its packet."""
+    """A delay below a period makes no packet a period late;
+    `tau_ff` is never there before its packet.
+    """
     shape = {"jitter": 0.02, "late": 0.0, "is_whole": 1.0}
     delay = Setting(
         effect=effect, where=LEG, size=periods * joint_scene.rig.control_dt, shape=shape

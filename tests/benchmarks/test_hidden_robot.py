@@ -1,4 +1,6 @@
-"""`saltus bench hidden_robot`: three effects that no training draws, as a profile that the cycle can hide."""
+"""`saltus bench hidden_robot`: three effects that no training draws,
+as a profile that the cycle can hide.
+"""
 
 from dataclasses import astuple
 

@@ -1,4 +1,6 @@
-"""`saltus bench faults`: results are added to a file, and recordings stay of runs that need to be looked at."""
+"""`saltus bench faults`: results are added to a file,
+and recordings stay of runs that need to be looked at.
+"""
 
 import json
 from pathlib import Path

@@ -1,4 +1,6 @@
-"""`saltus bench pages`: which commands it finds, runs and leaves out, and what it says of one that fails."""
+"""`saltus bench pages`: which commands it finds,
+runs and leaves out, and what it says of one that fails.
+"""
 
 import re
 from pathlib import Path

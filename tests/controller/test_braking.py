@@ -1,4 +1,6 @@
-"""From the scripted planner's fastest gait to a stand, at every phase, with and without a word of the planner."""
+"""From the scripted planner's fastest gait to a stand,
+at every phase, with and without a word of the planner.
+"""
 
 from copy import deepcopy
 from dataclasses import fields, replace

@@ -90,7 +90,9 @@ def test_what_is_not_known_is_not_made_up_for() -> None:
 
 
 def test_a_weak_robot_that_is_known_moves_as_a_strong_one() -> None:
-    """For the first steps, until small differences have grown: a joint that is known moves as an ideal one."""
+    """For the first steps, until small differences have grown:
+    a joint that is known moves as an ideal one.
+    """
     weak = IDEAL.having(TorqueGain(gain=0.65), ViscousFriction(coefficient=0.5))
 
     def way(profile: Profile, **known: object) -> np.ndarray:

@@ -48,7 +48,9 @@ def make_robot(seed=0):
 
 
 def drive(robot, loop, seconds, planner=None, silent_after_s=np.inf):
-    """Runs with the plans of `planner(time, loop)`, which dies at a time; returns the modes in their order."""
+    """Runs with the plans of `planner(time, loop)`, which dies at a time;
+    returns the modes in their order.
+    """
     modes, plan, age_s = [], None, np.inf
     for t in ticks(seconds):
         loop.sense(robot.read())

@@ -1,4 +1,6 @@
-"""The controller process over a memory bus, with stand-ins for camera, heightmap service and planner."""
+"""The controller process over a memory bus, with stand-ins for camera,
+heightmap service and planner.
+"""
 
 import itertools
 import json

@@ -58,7 +58,9 @@ def test_other_events_push_nobody(code: str) -> None:
 
 @pytest.mark.parametrize("impulse", [4.0, -4.0])
 def test_a_robot_that_is_pushed_goes_to_that_side(impulse: float) -> None:
-    """With limp legs all of the impulse is the robot's, but for what its feet on the ground take or give."""
+    """With limp legs all of the impulse is the robot's,
+    but for what its feet on the ground take or give.
+    """
     kind, none = load_robot("go1"), np.zeros(12)
     limp = JointCommand(position=none, velocity=none, kp=none, kd=none, torque=none)
     speed = []

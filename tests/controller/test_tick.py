@@ -1,4 +1,6 @@
-"""Laws of the compiled tick: it is the tick on numpy, over robots of every mode and phase of the gait."""
+"""Laws of the compiled tick: it is the tick on numpy,
+over robots of every mode and phase of the gait.
+"""
 
 from dataclasses import fields, is_dataclass, replace
 

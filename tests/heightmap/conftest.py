@@ -56,7 +56,9 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def short_stand() -> Iterator[None]:
-    """Robots of closed loops set out after half a second, not after one: what comes then is looked at."""
+    """Robots of closed loops set out after half a second, not after one:
+    what comes then is looked at.
+    """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(closed_loop, "Loop", partial(closed_loop.Loop, stand_steps=SHORT_STAND_STEPS))
         yield

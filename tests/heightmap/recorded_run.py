@@ -1,4 +1,6 @@
-"""A robot that glides over a terrain with exact odometry, and recordings of it, for tests of what measures heights."""
+"""A robot that glides over a terrain with exact odometry,
+and recordings of it, for tests of what measures heights.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,6 @@
-"""Whatever is given to a command of the heightmap: one line with exit code 2, nothing written, nothing lost."""
+"""Whatever is given to a command of the heightmap:
+one line with exit code 2, nothing written, nothing lost.
+"""
 
 import json
 import shutil

@@ -48,7 +48,9 @@ def test_intervals_of_every_width_hold_nine_of_ten_errors(
 
 
 def _held(model: HeightmapModel, store: EpisodeStore) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Heights, their errors and halves of their 90 % intervals [m], of the windows of a calibration."""
+    """Heights, their errors and halves of their 90 % intervals [m],
+    of the windows of a calibration.
+    """
     windows = store.windows(
         calibration.BATCH, calibration.LENGTH, TRAINING, ImageNoise(), np.random.default_rng(0)
     )

@@ -1,4 +1,6 @@
-"""Every effect of a camera in every simulator that has cameras: robots get the images that the camera process gives."""
+"""Every effect of a camera in every simulator that has cameras:
+robots get the images that the camera process gives.
+"""
 
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,4 +1,6 @@
-"""A shard that robots on processors make: repeatable, of the robot's own profile, kept where it is interrupted."""
+"""A shard that robots on processors make: repeatable,
+of the robot's own profile, kept where it is interrupted.
+"""
 
 from dataclasses import replace
 from pathlib import Path

@@ -116,7 +116,9 @@ def test_episodes_are_what_robots_meet_from_a_start_to_the_next(datasets: dict[s
 def test_plans_that_are_kept_are_the_policys_on_true_heights(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A policy whose plan is the heights farthest ahead, of robots that are shown heights with errors."""
+    """A policy whose plan is the heights farthest ahead,
+    of robots that are shown heights with errors.
+    """
     loop = DeviceLoop(
         robot="go1",
         grid="line",

@@ -1,4 +1,6 @@
-"""Several robots in one service: each as if it were alone, whoever else asks, falls silent or starts anew."""
+"""Several robots in one service: each as if it were alone,
+whoever else asks, falls silent or starts anew.
+"""
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -85,7 +87,9 @@ def test_each_robot_is_answered_as_if_it_were_alone(network: HeightmapNetwork, c
 
 
 def test_late_and_silent_robots_change_nothing_for_others(network: HeightmapNetwork) -> None:
-    """Robot 0 asks always, robot 1 at every third step, robot 2 falls silent, robot 3 asks when it likes."""
+    """Robot 0 asks always, robot 1 at every third step,
+    robot 2 falls silent, robot 3 asks when it likes.
+    """
     steps = np.arange(STEPS)
     sometimes = np.random.default_rng(0).uniform(size=STEPS) < 0.5
     asks = np.array([steps >= 0, steps % 3 == 0, steps < 30, sometimes])

@@ -1,4 +1,6 @@
-"""A link between robot and heightmap service that holds what it is given, or is slow, and delivers it later."""
+"""A link between robot and heightmap service that holds what it is given,
+or is slow, and delivers it later.
+"""
 
 import contextlib
 import math

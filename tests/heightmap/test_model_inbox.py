@@ -1,4 +1,6 @@
-"""A model is given to a running service: whatever is wrong with it, the service keeps the one that it has."""
+"""A model is given to a running service: whatever is wrong with it,
+the service keeps the one that it has.
+"""
 
 import contextlib
 import errno

@@ -1,4 +1,6 @@
-"""Predicted heights in roll-outs: to each robot what camera process and heightmap service would give it."""
+"""Predicted heights in roll-outs: to each robot what camera process
+and heightmap service would give it.
+"""
 
 from collections.abc import Callable
 from functools import partial
@@ -110,7 +112,8 @@ def compare(
     folder: Path,
     told: Callable[[Heightmap], np.ndarray] = lambda answer: answer.height,
 ) -> None:
-    """Steps a batch and the deployed processes of each of its robots, and holds their heights to each other.
+    """Steps a batch and the deployed processes of each of its robots,
+    and holds their heights to each other.
 
     `told` are the heights that a planner gets of an answer.
     """

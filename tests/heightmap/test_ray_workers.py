@@ -56,7 +56,9 @@ def cluster() -> Iterator[Cluster]:
 
 @dataclass(frozen=True)
 class Deadly:
-    """Batches of which the third kills the worker that is the first to take it, and the last fails on every host."""
+    """Batches of which the third kills the worker that is the first to take it,
+    and the last fails on every host.
+    """
 
     killed: Path
 

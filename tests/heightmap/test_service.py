@@ -337,7 +337,9 @@ def test_no_fault_hides_that_a_hidden_state_is_too_young(model_path: Path, seed:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_disorder_is_as_if_the_overtaken_frames_were_missing(model_path: Path, seed: int) -> None:
-    """Frames come in any order, some twice: the heightmaps are those of the frames that were news, to the bit."""
+    """Frames come in any order, some twice: the heightmaps are those of the frames that were news,
+    to the bit.
+    """
     rng = np.random.default_rng(seed)
     arriving: dict[int, DepthFrame | None] = {}
     news: dict[int, DepthFrame | None] = {}

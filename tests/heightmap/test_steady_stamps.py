@@ -1,4 +1,6 @@
-"""A replay never sleeps longer than a frame's period, holds few frames, and tells stamps that go back or jump."""
+"""A replay never sleeps longer than a frame's period,
+holds few frames, and tells stamps that go back or jump.
+"""
 
 import json
 import time

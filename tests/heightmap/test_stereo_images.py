@@ -79,7 +79,9 @@ def test_cameras_differ_in_how_bad_they_are() -> None:
 
 
 def test_images_do_not_depend_on_the_renderer(motion: list[Trajectory]) -> None:
-    """To the millimetre, with the same errors, in nearly all pixels: at edges a rasteriser may see the other side."""
+    """To the millimetre, with the same errors, in nearly all pixels:
+    at edges a rasteriser may see the other side.
+    """
     for camera, intrinsics in ((D435I, SAMPLED), (replace(D435I, ideal=True), MODEL_CAMERA)):
         views = [RobotCamera.on(ROBOT, intrinsics) for _ in motion]
         rays, drawn = (

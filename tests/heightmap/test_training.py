@@ -63,7 +63,9 @@ def trained(
 def released(
     data: Path, begun: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Release, Path]:
-    """What the release of the training of one update measured, and its folder, which tests leave as it is."""
+    """What the release of the training of one update measured,
+    and its folder, which tests leave as it is.
+    """
     folder = tmp_path_factory.mktemp("released")
     return release(begun, data, folder / "m.onnx"), folder
 

@@ -1,4 +1,6 @@
-"""The whole stack: it repeats to the bit in lockstep, leaves readable files behind, can be replayed and ended."""
+"""The whole stack: it repeats to the bit in lockstep,
+leaves readable files behind, can be replayed and ended.
+"""
 
 import contextlib
 import ctypes
@@ -104,7 +106,9 @@ def begin(run: Path) -> list[bytes]:
 def test_two_lockstep_runs_of_a_seed_are_equal_and_another_seed_differs(
     first: tuple[Path, dict[str, Any]], tmp_path: Path
 ) -> None:
-    """Also where the processes of one stand still for longer than a link of real time bears, again and again."""
+    """Also where the processes of one stand still for longer than a link of real time bears,
+    again and again.
+    """
     folder, table = first
     command = [
         sys.executable,
@@ -155,7 +159,9 @@ def test_recording_and_report_are_there_and_whole(first: tuple[Path, dict[str, A
 def test_replay_of_a_lockstep_run_gives_the_same_messages(
     first: tuple[Path, dict[str, Any]], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Those of tests/lockstep/test_process_replay.py were recorded within one process; this is the stack's."""
+    """Those of tests/lockstep/test_process_replay.py were recorded within one process;
+    this is the stack's.
+    """
     folder, _ = first
     for process in ("camera", "planner", "controller"):
         assert main(["replay", str(folder / "recording.mcap"), "--process", process]) == 0

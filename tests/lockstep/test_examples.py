@@ -1,4 +1,6 @@
-"""The commands of the tutorial on trainings, a run with what they made, and the library on its recording."""
+"""The commands of the tutorial on trainings, a run with what they made,
+and the library on its recording.
+"""
 
 import re
 import runpy

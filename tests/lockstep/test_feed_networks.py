@@ -1,4 +1,6 @@
-"""The networks are fed by somebody who has their files and cards only, and say what they say in a run of ours."""
+"""The networks are fed by somebody who has their files and cards only,
+and say what they say in a run of ours.
+"""
 
 import ast
 import json

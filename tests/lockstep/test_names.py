@@ -1,4 +1,6 @@
-"""An installation has one top-level name: what lies in the current folder is never taken for a part of Saltus."""
+"""An installation has one top-level name: what lies
+in the current folder is never taken for a part of Saltus.
+"""
 
 import json
 import subprocess

@@ -25,7 +25,9 @@ def cells(notebook: Path) -> list[dict[str, Any]]:
 
 
 def outputs(notebook: Path) -> list[list[str]]:
-    """What each cell gives, in order: text, whose numbers may differ from computer to computer, and pictures."""
+    """What each cell gives, in order: text, whose numbers may differ from computer to computer,
+    and pictures.
+    """
     number = r" *[-+]?\d+(\.\d+)?(e[-+]?\d+)?"
     return [
         [

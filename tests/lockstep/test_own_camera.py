@@ -1,4 +1,6 @@
-"""A camera, a course, a predictor and a policy of one's own in one run, from files alone, by the docs' commands."""
+"""A camera, a course, a predictor and a policy of one's own in one run,
+from files alone, by the docs' commands.
+"""
 
 import contextlib
 import io

@@ -1,4 +1,6 @@
-"""A family of terrain that an installed package names is one like any other: looked at, run, measured, trained on."""
+"""A family of terrain that an installed package names is one like any other:
+looked at, run, measured, trained on.
+"""
 
 import json
 import shutil
@@ -44,7 +46,9 @@ BAD = {
 
 @pytest.fixture(autouse=True)
 def installed(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """What `pip install ./examples/beams` puts into a folder of packages, where this and all processes look."""
+    """What `pip install ./examples/beams` puts into a folder of packages,
+    where this and all processes look.
+    """
     folder = tmp_path_factory.mktemp("packages")
     shutil.copy(EXAMPLE / "beams.py", folder)
     project = tomllib.loads((EXAMPLE / "pyproject.toml").read_text())["project"]

@@ -1,4 +1,6 @@
-"""Each process of a recorded run, fed what it heard, says what it said; where it does not, the difference is told."""
+"""Each process of a recorded run, fed what it heard, says what it said;
+where it does not, the difference is told.
+"""
 
 import json
 from collections.abc import Iterable
@@ -39,7 +41,9 @@ def compared(recording: Recording, name: str, config: RunConfig | None = None) -
 
 
 def run(folder: Path, number: int) -> Recording:
-    """A run of a drawn seed, of another course, camera, planner, profile and operator for each number."""
+    """A run of a drawn seed, of another course, camera,
+    planner, profile and operator for each number.
+    """
     rng = np.random.default_rng(number)
     planners: tuple[PlannerName, ...] = ("learned", "scripted")
     profile = folder / "everything.toml"

@@ -93,7 +93,9 @@ def each(command: JointCommand, make: Any) -> JointCommand:
 
 
 def clearance_of(profile: Profile) -> float:
-    """What is wrong with bodies and ground shows where robots stand, what is wrong with drives where they do not."""
+    """What is wrong with bodies and ground shows where robots stand,
+    what is wrong with drives where they do not.
+    """
     return CLEARANCE if profile.body else HIGH
 
 
@@ -157,7 +159,9 @@ def of_training(profile: Profile, path: Any) -> np.ndarray:
     for told in commands():
 
         class Told:
-            """The law is asked once: its gait and state, which are not looked at, stay those of the start."""
+            """The law is asked once: its gait and state,
+            which are not looked at, stay those of the start.
+            """
 
             def step(self, *now: Any) -> Any:
                 others.extend([] if others else law.step(*now)[1:])
@@ -346,7 +350,9 @@ def test_before_its_first_command_a_drive_holds_the_first_and_has_no_feedforward
 
 
 def test_gains_of_the_default_profile_cost_what_they_did() -> None:
-    """Of the shipped profile only feed-forward torque is remembered: a training keeps no other state of its drives."""
+    """Of the shipped profile only feed-forward torque is remembered:
+    a training keeps no other state of its drives.
+    """
     chain = PROFILE.actuator_chain.fitted(ROBOT)
     _, state = chain.step(commands()[0], ROBOT.stand_pose, np.zeros(12), 0.0, chain.blank)
     assert [memory is not None for memory in state] == [

@@ -1,4 +1,6 @@
-"""What a policy recalls: the same in a training, in a rolled-out batch, and in the deployed planner."""
+"""What a policy recalls: the same in a training,
+in a rolled-out batch, and in the deployed planner.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace

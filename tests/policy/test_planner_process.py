@@ -94,7 +94,9 @@ def test_does_not_go_without_a_good_heightmap(status: HeightmapStatus | None) ->
 
 
 def test_every_history_of_four_heightmaps() -> None:
-    """Once it goes: OK and DEGRADED keep it going, WARMING and INVALID stop it for good, single losses are bridged."""
+    """Once it goes: OK and DEGRADED keep it going,
+    WARMING and INVALID stop it for good, single losses are bridged.
+    """
     kinds = (None, *HeightmapStatus)
     fatal = (HeightmapStatus.WARMING, HeightmapStatus.INVALID)
     for history in product(kinds, repeat=4):
@@ -201,7 +203,9 @@ def command(mode: CommandMode, step: int) -> DriveCommand:
 
 
 def test_every_history_of_three_commands() -> None:
-    """Without a command it goes; then it does what the newest says, and stands 0.5 s after the last."""
+    """Without a command it goes; then it does what the newest says,
+    and stands 0.5 s after the last.
+    """
     answer = {
         None: PlanStatus.GO,
         CommandMode.JUMP: PlanStatus.GO,

@@ -27,7 +27,9 @@ def body(pitch: float) -> YawFrameBody:
 
 
 def highest_sole(lift: float, base_height: float, pitch: float) -> float:
-    """Height of a front sole over the ground of the feet in stance, after the joints have followed their target."""
+    """Height of a front sole over the ground of the feet in stance,
+    after the joints have followed their target.
+    """
     robot, swing, joints = body(pitch), SwingLegs(ROBOT, SwingConfig()), ROBOT.stand_pose[None]
     height = np.array([base_height])
     path = swing.nominal_path(robot, robot.foot_yaw, np.full((1, 4), 0.6), np.array([0.2]), height)

@@ -37,7 +37,9 @@ def sliding() -> Trace:
 
 
 def going(terrain: Terrain, x: float, then_x: float, *, below: float = 0.0) -> Trace:
-    """Stands at x, and for its last 0.2 s with its front feet on the ground elsewhere, or that far below it."""
+    """Stands at x, and for its last 0.2 s with its front feet on the ground elsewhere,
+    or that far below it.
+    """
     trace = standing(x)
     trace.foot[-20:, :2, 0] = then_x
     trace.foot[..., 2] += terrain.height_at(trace.foot[..., 0], trace.foot[..., 1])

@@ -1,4 +1,6 @@
-"""The command line of a training: what a file and a flag change, what is refused, and that nothing is lost."""
+"""The command line of a training: what a file and a flag change,
+what is refused, and that nothing is lost.
+"""
 
 import re
 import signal

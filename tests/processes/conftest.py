@@ -67,7 +67,8 @@ def measured(directory: Path, speed: float) -> tuple[RealTimeFactor, float]:
 
 
 def processor_share() -> float:
-    """Of the time of its processors, what this session gets: 1 where it is alone, rounded up from 0.9.
+    """Of the time of its processors, what this session gets:
+    1 where it is alone, rounded up from 0.9.
 
     The processes of a run may be preferred; a test's own thread, which starts, ends and dates
     things, is not.

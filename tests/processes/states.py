@@ -1,4 +1,6 @@
-"""A process that publishes robot states at 100 Hz, as a controller does, until the time limit of the run."""
+"""A process that publishes robot states at 100 Hz,
+as a controller does, until the time limit of the run.
+"""
 
 import sys
 from dataclasses import replace

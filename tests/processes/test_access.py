@@ -1,4 +1,5 @@
-"""Who may do what at a router that listens on a network: roles by keys by verbs, and those who may do nothing.
+"""Who may do what at a router that listens on a network:
+roles by keys by verbs, and those who may do nothing.
 
 A real `saltus router` on loopback, joined over TLS with real certificates.
 """

@@ -1,4 +1,6 @@
-"""However a run ends, the robot lands and stands, what was recorded is readable, and who started it learns of it."""
+"""However a run ends, the robot lands and stands,
+what was recorded is readable, and who started it learns of it.
+"""
 
 import resource
 import signal
@@ -43,7 +45,9 @@ def stands(seen: Recording) -> bool:
 
 @pytest.mark.slow
 def test_a_full_disk_lands_the_robot_and_is_said_in_one_line(tmp_path: Path) -> None:
-    """The disk is full for files of more than a size: so the system refuses to write, without any right to a disk."""
+    """The disk is full for files of more than a size:
+    so the system refuses to write, without any right to a disk.
+    """
     limit = (ROOM, resource.getrlimit(resource.RLIMIT_FSIZE)[1])
     process = up(
         tmp_path / "run",

@@ -128,7 +128,9 @@ def robots(speed: float, tmp_path: Path) -> Iterator[list[Robot]]:
 
 
 def run_until(robots: list[Robot], event: str, models: set[str]) -> None:
-    """Robots send until the first of them is told of an event, and each has been answered by exactly these models."""
+    """Robots send until the first of them is told of an event,
+    and each has been answered by exactly these models.
+    """
     clock = robots[0].clock
     ticker, deadline_s = Ticker(100.0, clock=clock), clock.elapsed_s() + PATIENCE_S
     while event not in robots[0].events or any(

@@ -1,4 +1,6 @@
-"""Malformed messages of many kinds on every key that a process subscribes to: it lives on and counts each of them."""
+"""Malformed messages of many kinds on every key that a process subscribes to:
+it lives on and counts each of them.
+"""
 
 import os
 import subprocess

@@ -1,4 +1,6 @@
-"""Robots in simulation are told 187 heights over Zenoh, by a process that knows none of them by name."""
+"""Robots in simulation are told 187 heights over Zenoh,
+by a process that knows none of them by name.
+"""
 
 import contextlib
 import subprocess

@@ -27,7 +27,9 @@ sys.stdin.read()
 def test_who_connects_says_nothing_and_stays_takes_no_files_that_a_run_needs(
     tmp_path: Path,
 ) -> None:
-    """More of them than a process may usually open files: each holds one of the router's process, the supervisor."""
+    """More of them than a process may usually open files:
+    each holds one of the router's process, the supervisor.
+    """
     with socket.create_server(("127.0.0.1", 0)) as server:
         host, port = server.getsockname()
     create(tmp_path / "keys", f"{host}:{port}", days=1)

@@ -1,4 +1,6 @@
-"""Runs that are watched in a real browser: one that is started, disturbed and stopped on the page, and a demo."""
+"""Runs that are watched in a real browser: one that is started,
+disturbed and stopped on the page, and a demo.
+"""
 
 import os
 import signal

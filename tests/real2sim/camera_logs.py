@@ -1,4 +1,6 @@
-"""Logs of a depth camera made from formulas: rays against boxes by Open3D, motions of the base by hand."""
+"""Logs of a depth camera made from formulas:
+rays against boxes by Open3D, motions of the base by hand.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -83,7 +83,9 @@ class LinearProblem(Problem):
         self.measured, self._signatures = self.measured[:, rows], self._signatures[:, rows]
 
     def part_signals(self) -> None:
-        """Has an effect at a place change the signal of that place alone, and the clock that of hips."""
+        """Has an effect at a place change the signal of that place alone,
+        and the clock that of hips.
+        """
         of_thigh = np.array([candidate.where == "thigh" for candidate in self.candidates])
         self._signatures = self._signatures * (of_thigh[:, None] == (self.signal == 1))
 
@@ -93,7 +95,9 @@ class LinearProblem(Problem):
 
 
 class ChoiceProblem(LinearProblem):
-    """The effect e1 has a choice, `side`: at 1 its signature is that of e6, which is no effect here."""
+    """The effect e1 has a choice, `side`: at 1 its signature is that of e6,
+    which is no effect here.
+    """
 
     def __init__(self, hidden: dict[tuple[str, str, str], float], *, alike: float) -> None:
         super().__init__(hidden, alike=alike, effects=7)

@@ -1,4 +1,6 @@
-"""Pendulums under PD control, simulated in numpy: a small problem with the effects that robots' joints have."""
+"""Pendulums under PD control, simulated in numpy:
+a small problem with the effects that robots' joints have.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -81,7 +83,8 @@ SEGMENT_S = 4.0
 
 
 class OneJoint(Problem):
-    """Two legs of two joints that nothing couples; `hidden` maps (effect, where, block) to unknowns.
+    """Two legs of two joints that nothing couples;
+    `hidden` maps (effect, where, block) to unknowns.
 
     The library has a torque-speed limit if `fast`.
     """

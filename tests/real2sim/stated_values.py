@@ -6,7 +6,8 @@ from saltus.real2sim.problem.problem import Problem
 
 
 def check_stated_values(problem: Problem) -> None:
-    """What a profile has is taken from its values exactly: a candidate says its unknowns for its parameters.
+    """What a profile has is taken from its values exactly:
+    a candidate says its unknowns for its parameters.
 
     Also at the ends of their ranges. Unknowns for which the effect has no parameter are then 0.
     """

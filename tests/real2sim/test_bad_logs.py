@@ -1,4 +1,6 @@
-"""Logs that cannot be read or used: `saltus real2sim find` fails, says why in one line, and leaves nothing behind."""
+"""Logs that cannot be read or used: `saltus real2sim find` fails,
+says why in one line, and leaves nothing behind.
+"""
 
 import json
 import shutil

@@ -84,7 +84,9 @@ def test_a_simulator_with_what_drives_have_leaves_noise(effect: Effect) -> None:
 
 
 def test_feet_that_resist_rolling_close_the_gap() -> None:
-    """But for what the choice of the contact solver leaves, which is made before anything is fitted."""
+    """But for what the choice of the contact solver leaves,
+    which is made before anything is fitted.
+    """
     problem = BodyProblem(run_log([SoftFeet(rolling=0.01)], motions=SHORT[:1]))
     gap, less, closed = (
         np.mean(at(problem, soft_feet__rolling=value) ** 2) for value in (0.0, 0.007, 0.01)

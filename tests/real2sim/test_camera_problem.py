@@ -74,7 +74,9 @@ def derivatives(of: CameraProblem, at: Floats, free: list[int], scale: Floats) -
 
 
 def fitted(of: CameraProblem, *effects: str) -> tuple[dict[str, float], Floats]:
-    """Damped Gauss-Newton over the named effects and the nuisances: their parameters, and what is left."""
+    """Damped Gauss-Newton over the named effects and the nuisances:
+    their parameters, and what is left.
+    """
     free, at, scale, bounds = columns(of, effects)
     left = of.residuals(at[None, None])[0, 0]
     damping = 1e-6

@@ -1,4 +1,6 @@
-"""Recordings that end in the middle: nothing is named without a test, nobody is accused, and the cut is said."""
+"""Recordings that end in the middle: nothing is named without a test,
+nobody is accused, and the cut is said.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,4 +1,6 @@
-"""The cycle: a hidden effect is found and trained with, nothing is done twice, a training may be carried away."""
+"""The cycle: a hidden effect is found and trained with,
+nothing is done twice, a training may be carried away.
+"""
 
 import html
 import json

@@ -35,7 +35,9 @@ SIZE = 4.0
 
 
 def interval_of_another_shape(misfit: float, seed: int) -> Interval:
-    """Interval of an effect that differs from its model by this share of its RMS, in a random direction."""
+    """Interval of an effect that differs from its model by this share of its RMS,
+    in a random direction.
+    """
     everywhere = {("e0", where, block): SIZE for where, block in itertools.product(WHERES, BLOCKS)}
     problem, noise = (
         LinearProblem(hidden, seed=seed, blocks=BLOCKS, effects=1) for hidden in (everywhere, {})

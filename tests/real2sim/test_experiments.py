@@ -1,4 +1,6 @@
-"""Experiments: every motion of the menu is within its limits, and a log of it is a run log of the robot's motion."""
+"""Experiments: every motion of the menu is within its limits,
+and a log of it is a run log of the robot's motion.
+"""
 
 import dataclasses
 from pathlib import Path

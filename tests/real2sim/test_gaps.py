@@ -1,4 +1,6 @@
-"""Rows are missing only where times do not come back to their line: not by rounding, jitter or a stall."""
+"""Rows are missing only where times do not come back to their line:
+not by rounding, jitter or a stall.
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,6 @@
-"""The recording of a real Go2, a table that holds one of every few states, becomes a log of each leg."""
+"""The recording of a real Go2, a table that holds one of every few states,
+becomes a log of each leg.
+"""
 
 from pathlib import Path
 

@@ -40,7 +40,9 @@ def claims_of(log: RunLog) -> dict[str, Any]:
 
 
 def same(log: RunLog, other: RunLog) -> None:
-    """Times may differ by what a nanosecond's rounding makes of them, velocities by a rotation and back."""
+    """Times may differ by what a nanosecond's rounding makes of them,
+    velocities by a rotation and back.
+    """
     assert other.meta["joints"] == log.meta["joints"]
     for signal in JOINT_SIGNALS:
         mine, theirs = getattr(log.joints, signal), getattr(other.joints, signal)
@@ -201,7 +203,9 @@ def test_a_table_in_other_units_and_another_order_is_the_same_log(tmp_path: Path
 
 
 def _of_example() -> tuple[RunLog, Description, TableColumns]:
-    """What examples/own_csv.toml describes: a log, the description, its columns with the table's names of joints."""
+    """What examples/own_csv.toml describes: a log, the description,
+    its columns with the table's names of joints.
+    """
     log = joints_log(seconds=1.0)
     log = replace(log, joints=replace(log.joints, dq_des=None, tau_ff=None))
     description = load(Description, PROJECT / "examples" / "own_csv.toml")

@@ -1,4 +1,6 @@
-"""The balance of a robot that jumps: the effects that it has leave nothing but noise, and each of them counts."""
+"""The balance of a robot that jumps: the effects that it has leave nothing but noise,
+and each of them counts.
+"""
 
 from dataclasses import replace
 

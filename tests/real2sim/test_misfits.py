@@ -1,4 +1,6 @@
-"""A profile with effects that the robot does not have: no name stands for them, and the verdict says which they are."""
+"""A profile with effects that the robot does not have:
+no name stands for them, and the verdict says which they are.
+"""
 
 from collections.abc import Mapping
 

@@ -1,4 +1,6 @@
-"""Logs of robots that stand, walk, turn and jump: healthy ones are no damage, damage is named, and a search ends."""
+"""Logs of robots that stand, walk, turn and jump:
+healthy ones are no damage, damage is named, and a search ends.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace

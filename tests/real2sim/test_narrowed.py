@@ -1,4 +1,6 @@
-"""A library that lacks the true effect: the search says that it does not know, and names nothing else."""
+"""A library that lacks the true effect: the search says that it does not know,
+and names nothing else.
+"""
 
 import itertools
 

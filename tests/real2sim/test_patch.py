@@ -153,7 +153,9 @@ def test_a_patch_takes_back_what_a_profile_has_and_a_log_does_not_show() -> None
 
 
 def test_a_curve_is_that_of_its_joints_and_leaves_the_others() -> None:
-    """One for calves on a profile that has a knee at hips already: both are there afterwards, to the fourth digit."""
+    """One for calves on a profile that has a knee at hips already:
+    both are there afterwards, to the fourth digit.
+    """
     before = TorqueSaturation(
         knee=(9.0, np.inf, np.inf) * 4, plateau=(17.0, np.inf, np.inf) * 4
     ).fitted(ROBOT)

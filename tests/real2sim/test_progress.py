@@ -1,4 +1,6 @@
-"""The progress of a comparison goes on with every simulation, never back, and never beyond the whole."""
+"""The progress of a comparison goes on with every simulation,
+never back, and never beyond the whole.
+"""
 
 import pytest
 

@@ -1,4 +1,6 @@
-"""The real recordings in npz, a Go2's sweep and an AlienGo's step answers, become run logs by their descriptions."""
+"""The real recordings in npz, a Go2's sweep and an AlienGo's step answers,
+become run logs by their descriptions.
+"""
 
 import shutil
 from pathlib import Path

@@ -1,4 +1,6 @@
-"""A saturation as a curve: from a robot to its log, and from a profile to the simulator that a log is compared with."""
+"""A saturation as a curve: from a robot to its log,
+and from a profile to the simulator that a log is compared with.
+"""
 
 import dataclasses
 from pathlib import Path

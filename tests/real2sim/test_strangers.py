@@ -73,7 +73,9 @@ def test_a_file_is_read_rightly_or_refused_with_its_cure(
 def test_each_chunk_of_a_bag_is_unpacked_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Also where messages of several chunks alternate, as in a bag whose topics were written one after the other."""
+    """Also where messages of several chunks alternate,
+    as in a bag whose topics were written one after the other.
+    """
     unpack, unpacked = rosbags.rosbag1.reader.decompressors["bz2"], list[int]()
 
     def counted(data: bytes) -> bytes:

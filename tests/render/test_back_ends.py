@@ -64,7 +64,9 @@ def back_ends(request: pytest.FixtureRequest, camera: Intrinsics) -> list[Render
 
 
 def test_all_back_ends_see_the_same(back_ends: list[Renderer], camera: Intrinsics) -> None:
-    """Within 1 mm on 99.5 % of the pixels off depth edges; Warp and Embree, which both cast rays, on all."""
+    """Within 1 mm on 99.5 % of the pixels off depth edges;
+    Warp and Embree, which both cast rays, on all.
+    """
     terrain, count = back_ends[0].terrain, POSES if camera is MODEL_CAMERA else 6
     where = poses(terrain, count, seed=5)
     images = [np.minimum(renderer.render_batch(*where), FAR) for renderer in back_ends]

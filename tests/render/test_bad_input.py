@@ -101,7 +101,9 @@ def refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
 def bag(
     path: Path, sizes: list[tuple[int, int]], info: dict[str, float], row_bytes: int | None = None
 ) -> Path:
-    """A RealSense recording of a wall: images of the given widths and heights, and the intrinsics they come with."""
+    """A RealSense recording of a wall: images of the given widths and heights,
+    and the intrinsics they come with.
+    """
     store = get_typestore(Stores.ROS1_NOETIC)
     time, header, region = (
         store.types[name]

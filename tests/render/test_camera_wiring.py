@@ -57,7 +57,9 @@ def test_lockstep_answers_each_step_and_each_repetition(tmp_path: Path) -> None:
 
 
 def test_images_of_a_seed_are_late_alike_whatever_the_errors_of_the_camera(tmp_path: Path) -> None:
-    """A roll-out, whose chain of errors is another one, and a run then see the same images at the same steps."""
+    """A roll-out, whose chain of errors is another one,
+    and a run then see the same images at the same steps.
+    """
     arrived = []
     for camera in SHIPPED:
         with CameraStage("lockstep", tmp_path, camera) as stage:

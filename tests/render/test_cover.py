@@ -1,4 +1,6 @@
-"""An operator lays a cover over the lens: all of the image is invalid for so long, and nothing else changes."""
+"""An operator lays a cover over the lens: all of the image is invalid for so long,
+and nothing else changes.
+"""
 
 import numpy as np
 import pytest

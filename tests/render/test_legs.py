@@ -47,7 +47,9 @@ def distance_to_axis(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_rays_enter_capsules_at_their_surface(seed: int) -> None:
-    """Where a ray enters it is at the radius, before that outside, and a ray that misses is never inside."""
+    """Where a ray enters it is at the radius, before that outside,
+    and a ray that misses is never inside.
+    """
     rng = np.random.default_rng(seed)
     start = np.array([*rng.uniform(-0.15, 0.15, 2), rng.uniform(0.1, 0.6)])
     end = start + (rng.uniform(-0.2, 0.2, 3) if seed % 4 else 0.0)

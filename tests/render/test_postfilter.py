@@ -1,4 +1,6 @@
-"""The post-filters against plain scans, pixel by pixel, of what librealsense documents and does on 16-bit depth."""
+"""The post-filters against plain scans, pixel by pixel,
+of what librealsense documents and does on 16-bit depth.
+"""
 
 from typing import Any
 
@@ -131,7 +133,9 @@ def test_hole_filling_of_a_batch_is_that_of_its_images() -> None:
 @pytest.mark.parametrize("level", range(1, 5))
 @pytest.mark.parametrize("seed", range(3))
 def test_spatial_filter_at_the_originals_settings_only_fills(seed: int, level: int) -> None:
-    """Blending what differs by a unit, three quarters to one, is undone by rounding: the scan shows it, too."""
+    """Blending what differs by a unit, three quarters to one,
+    is undone by rounding: the scan shows it, too.
+    """
     image = holed(seed, 0.3, spread=4)
     spatial = SpatialFilter(magnitude=5.0, alpha=0.75, delta=1.0, holes_fill=float(level))
     result = units(spatial.apply(signal(image), 0.0, None)[0])

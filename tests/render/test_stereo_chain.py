@@ -60,7 +60,9 @@ def poses(count: int, ground: Terrain, seed: int = 0) -> tuple[Any, Any, Any]:
 
 
 def run(rows: int, columns: int, config: StereoConfig, scene: Any, frames: int) -> Any:
-    """Pooled images of a batch, shape (frames, n, 48, 16); `scene(camera, optics)` gives depth and what is hidden."""
+    """Pooled images of a batch, shape (frames, n, 48, 16);
+    `scene(camera, optics)` gives depth and what is hidden.
+    """
     camera = supersampled_model_camera(rows, columns)
     optics = Optics.of(camera)
     depth, hidden = scene(camera, optics)

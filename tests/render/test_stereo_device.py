@@ -38,7 +38,9 @@ EACH_ITS_OWN = replace(
 
 
 class NoTransfers(TorchDispatchMode):
-    """Refuses operations on arrays of the processor: a GPU's stream is waited for when they are sent there."""
+    """Refuses operations on arrays of the processor:
+    a GPU's stream is waited for when they are sent there.
+    """
 
     def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         for given in args:
@@ -103,7 +105,9 @@ def images(
 def test_no_shape_and_no_step_depends_on_values(
     config: StereoConfig, samples: tuple[int, int]
 ) -> None:
-    """Tensors that have a shape but no values go through: to ask for a value, or for how many there are, raises."""
+    """Tensors that have a shape but no values go through:
+    to ask for a value, or for how many there are, raises.
+    """
     camera = supersampled_model_camera(*samples)
     shape = COUNT, camera.height, camera.width
     depth = torch.empty(shape, device="meta")

@@ -1,4 +1,6 @@
-"""Laws of the effects of a stereo camera, and what each of them does in a scene known in closed form."""
+"""Laws of the effects of a stereo camera, and what each
+of them does in a scene known in closed form.
+"""
 
 import math
 from dataclasses import fields, replace
@@ -32,7 +34,9 @@ def name(effect: Effect[Any]) -> str:
 
 
 def images(effect: Effect[Any], batch: tuple[int, ...]) -> list[Any]:
-    """What an effect gets: a panel before a slanted wall, whose depth has holes where the effect works on depth."""
+    """What an effect gets: a panel before a slanted wall,
+    whose depth has holes where the effect works on depth.
+    """
     depth, hidden = wall_and_panel(SMALL, OPTICS, 1.6, 0.5, -0.04, 0.03, slant=0.4)
     depth[:6, 50:] = np.inf
     signals: list[Any] = []
@@ -198,7 +202,9 @@ def series(
 
 @pytest.mark.parametrize("depth_m", [0.3, 0.5, 1.0, 2.0, 3.0])
 def test_axial_noise_is_that_of_stereo(depth_m: float) -> None:
-    """After quantisation of the disparity, z^2 s / (f B) within 10 %; whole millimetres add to it at 0.3 m."""
+    """After quantisation of the disparity, z^2 s / (f B) within 10 %;
+    whole millimetres add to it at 0.3 m.
+    """
     crop = replace(D435I, width=200, height=120, cx=100.0)
     optics = Optics.of(crop)
     depth, hidden = flat_wall(crop, depth_m)

@@ -1,4 +1,6 @@
-"""Which points of the left image terrain hides from the right imager, against all boxes for all points."""
+"""Which points of the left image terrain hides from the right imager,
+against all boxes for all points.
+"""
 
 from typing import Any
 

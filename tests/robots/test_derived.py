@@ -1,4 +1,6 @@
-"""A robot from a model that is not ours: found by structure, simulated as it was, refused in one line."""
+"""A robot from a model that is not ours: found by structure,
+simulated as it was, refused in one line.
+"""
 
 from pathlib import Path
 

@@ -1,4 +1,6 @@
-"""A ROS 2 graph over Zenoh, between processes: somebody else's program reads heights and state, and brings a robot."""
+"""A ROS 2 graph over Zenoh, between processes:
+somebody else's program reads heights and state, and brings a robot.
+"""
 
 import contextlib
 import json

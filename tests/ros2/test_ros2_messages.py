@@ -1,4 +1,6 @@
-"""Messages from and to ROS: type hashes, what comes back of what was sent, and what strangers may send."""
+"""Messages from and to ROS: type hashes, what comes back of what was sent,
+and what strangers may send.
+"""
 
 import struct
 from collections.abc import Callable
@@ -294,7 +296,9 @@ def test_images_of_each_camera_go_to_its_own_key_with_its_own_intrinsics(ending:
 
 
 def packed(depth_mm: np.ndarray, form: str) -> np.ndarray:
-    """As the transport compressedDepth packs an image: a head of 12 bytes, and a PNG of depth or of its inverse."""
+    """As the transport compressedDepth packs an image:
+    a head of 12 bytes, and a PNG of depth or of its inverse.
+    """
     a, b = 2000.0, 0.5
     whole = depth_mm
     if form.startswith("32FC1"):

@@ -1,4 +1,6 @@
-"""Shapes are types: the laws keep the shapes that their annotations state, and what is deployed does not ask."""
+"""Shapes are types: the laws keep the shapes that their annotations state,
+and what is deployed does not ask.
+"""
 
 import subprocess
 import sys

@@ -1,4 +1,5 @@
-"""Bad inputs to all commands: one line that names the value and what is allowed, code 2, nothing written, nothing lost.
+"""Bad inputs to all commands: one line that names the value and what is allowed,
+code 2, nothing written, nothing lost.
 
 The heightmap's datasets and full disks are in tests/heightmap/test_bad_files.py, run logs in
 tests/real2sim/test_bad_logs.py, benchmarks in tests/benchmarks/test_bench.py.

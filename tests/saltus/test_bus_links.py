@@ -152,7 +152,9 @@ def test_a_bus_without_router_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_only_their_owner_reaches_router_and_peers() -> None:
-    """All that listens is a socket in a folder that others may not enter, and that is gone with the router."""
+    """All that listens is a socket in a folder that others may not enter,
+    and that is gone with the router.
+    """
     before = listening()
     endpoint, router = open_router()
     folder = Path(endpoint.removeprefix(LOCAL)).parent

@@ -149,7 +149,9 @@ def test_a_higher_camera_sees_what_a_higher_base_sees() -> None:
 def test_the_camera_process_takes_all_of_a_profile(
     camera: Literal["ideal", "d435i"], tmp_path: Path
 ) -> None:
-    """Its frames are images of the moved camera, changed by the effects on images, under the claimed intrinsics."""
+    """Its frames are images of the moved camera,
+    changed by the effects on images, under the claimed intrinsics.
+    """
     effects = (
         CameraPitch(offset=0.1),
         depth_errors.DepthScale(scale=1.1),

@@ -35,7 +35,9 @@ def in_order(path: Path) -> list[tuple[str, int, bytes]]:
 
 
 def chunk_ends(path: Path) -> list[tuple[int, int]]:
-    """Where each chunk of a whole file ends [bytes], and how many messages the file has up to there."""
+    """Where each chunk of a whole file ends [bytes],
+    and how many messages the file has up to there.
+    """
     with path.open("rb") as file:
         summary = make_reader(file).get_summary()
         assert summary is not None
@@ -56,7 +58,9 @@ def chunk_ends(path: Path) -> list[tuple[int, int]]:
 def test_a_file_cut_off_at_any_byte_has_every_message_before_the_cut(
     share: float, whole: Recording, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    """And a repaired one is a whole file to other readers, which still says that something was lost."""
+    """And a repaired one is a whole file to other readers,
+    which still says that something was lost.
+    """
     data, full = whole.path.read_bytes(), in_order(whole.path)
     cut = min(round(share * len(data)), len(data) - 1)
     path, out = (tmp_path_factory.getbasetemp() / name for name in ("cut.mcap", "repaired.mcap"))

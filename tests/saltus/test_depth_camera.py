@@ -157,7 +157,9 @@ def test_images_are_taken_at_the_rate_and_never_early(rate_hz: float) -> None:
 def test_the_network_gets_from_images_of_its_own_size_what_it_gets_from_the_cameras(
     camera: DepthCamera,
 ) -> None:
-    """Training renders the one, a run sends the other: the same is valid, and away from edges equally far."""
+    """Training renders the one, a run sends the other:
+    the same is valid, and away from edges equally far.
+    """
     robot, truth = camera.mounted_on(ROBOT), level_truth(0, 0.8, 0.3)
     pose = truth.position_base_in_world, truth.quaternion_base_in_world, truth.joint_position
     sent, small = (

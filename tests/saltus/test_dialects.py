@@ -1,4 +1,5 @@
-"""A policy's observation of heights is the one that its own project computes, on ground that is drawn.
+"""A policy's observation of heights is the one that its own project computes,
+on ground that is drawn.
 
 Each project's arithmetic is written here as its page describes it, from ray hits or a sampled
 terrain in the world; Saltus's starts from heights relative to the base in the order of its grid.
@@ -22,7 +23,9 @@ def in_world(x, y, base, yaw):
 
 
 def isaaclab(ground, base, yaw, grid):
-    """Rays of its grid pattern ("xy": x runs first), turned by the yaw; sensor height - hit - 0.5, clipped at 1."""
+    """Rays of its grid pattern ("xy": x runs first), turned by the yaw;
+    sensor height - hit - 0.5, clipped at 1.
+    """
     x, y = np.meshgrid(grid.x, grid.y, indexing="xy")
     hits = ground(*in_world(x.ravel(), y.ravel(), base, yaw))
     return np.clip(base[2] - hits - 0.5, -1.0, 1.0)

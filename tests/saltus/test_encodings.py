@@ -1,4 +1,6 @@
-"""Text is UTF-8 wherever a computer stands: no call leaves it to the locale, and commands print in any of them."""
+"""Text is UTF-8 wherever a computer stands: no call leaves it to the locale,
+and commands print in any of them.
+"""
 
 import ast
 import os

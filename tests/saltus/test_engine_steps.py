@@ -1,4 +1,6 @@
-"""A robot's loop is written once, in saltus/loop; who else steps an engine is listed here, with the reason."""
+"""A robot's loop is written once, in saltus/loop;
+who else steps an engine is listed here, with the reason.
+"""
 
 import ast
 from collections.abc import Iterator

@@ -251,7 +251,9 @@ def test_play_is_as_wide_as_it_says_and_loses_no_momentum() -> None:
 
 @pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
 def test_the_law_sees_the_motor_and_the_log_the_side_of_its_encoder(share: float) -> None:
-    """Joints at one end of their gaps: what is logged is ahead by a share of half of it, the law always by all."""
+    """Joints at one end of their gaps: what is logged is ahead by a share of half of it,
+    the law always by all.
+    """
     width, kp = 0.02, 30.0
     chain = ActuatorChain((Backlash(width=width, motor_side=share),)).fitted(ROBOT)
     command = JointCommand(position=ZERO + 0.1, velocity=ZERO, kp=ZERO + kp, kd=ZERO, torque=ZERO)

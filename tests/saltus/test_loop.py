@@ -128,7 +128,9 @@ def test_a_delay_of_plans_by_whole_steps_is_a_planner_that_answers_later(steps: 
 
 
 def test_the_law_holds_the_heading_that_the_imu_says() -> None:
-    """As in the deployed loop: a gyroscope that reads too much is believed by law and planner alike."""
+    """As in the deployed loop: a gyroscope that reads too much is believed
+    by law and planner alike.
+    """
     drifting = replace(PROFILE, imu=(ImuBias(gyro_z=0.3),))
     rates = []
     for profile in (PROFILE, drifting):

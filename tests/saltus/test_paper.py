@@ -1,4 +1,6 @@
-"""`saltus paper`: every row says where its numbers come from, what can be made is made, and jumps are counted right."""
+"""`saltus paper`: every row says where its numbers come from,
+what can be made is made, and jumps are counted right.
+"""
 
 import html
 import json

@@ -1,4 +1,6 @@
-"""The paper's ablations: what their trainings differ in, which weights they need, and their learning curves."""
+"""The paper's ablations: what their trainings differ in,
+which weights they need, and their learning curves.
+"""
 
 import subprocess
 import sys

@@ -103,7 +103,9 @@ def test_robots_run_with_what_was_trained(trained: Path) -> None:
 
 
 def test_an_imitator_that_is_told_what_to_plan_plans_as_the_policy_does(tmp_path: Path) -> None:
-    """A network whose answer is always one plan, through the file, the place of heights, and the planner."""
+    """A network whose answer is always one plan, through the file,
+    the place of heights, and the planner.
+    """
     robot, config = load_robot(DEFAULT_ROBOT), TrainConfig(robot="go1", grid="line")
     observation = observe(standing_state(robot), LegKinematics(robot))
     heights = np.full(len(HEIGHTMAP_X), -robot.stand_height)

@@ -1,4 +1,6 @@
-"""Processes of a run come before busy programs where they have the right to, and take their turn where not."""
+"""Processes of a run come before busy programs where they have the right to,
+and take their turn where not.
+"""
 
 import ctypes
 import functools
@@ -34,7 +36,8 @@ def without_the_right() -> None:
 
 
 def spin(*processes: str, right: bool = True) -> list[tuple[int, int, float]]:
-    """Priority, that of the session, and processor time of programs that are busy at the same time on one processor.
+    """Priority, that of the session, and processor time of programs
+    that are busy at the same time on one processor.
 
     An empty name is a program that is none of Saltus'.
     """

@@ -1,4 +1,6 @@
-"""Libraries are used by the names that they offer: what begins with an underscore may go with their next version."""
+"""Libraries are used by the names that they offer:
+what begins with an underscore may go with their next version.
+"""
 
 import ast
 import re
@@ -31,7 +33,9 @@ ATTRIBUTES = {"getattr", "setattr", "hasattr", "delattr"}
 
 
 def private_names(tree: ast.AST, own: set[str]) -> Iterator[tuple[int, str]]:
-    """Lines, and what private name of a library they use; `own` are all names that we give to anything."""
+    """Lines, and what private name of a library they use;
+    `own` are all names that we give to anything.
+    """
     libraries: set[str] = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):

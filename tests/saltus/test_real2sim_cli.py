@@ -1,4 +1,6 @@
-"""`saltus real2sim`: from an experiment to a log, from a patch to a profile that every command takes by its name."""
+"""`saltus real2sim`: from an experiment to a log,
+from a patch to a profile that every command takes by its name.
+"""
 
 import json
 from pathlib import Path

@@ -1,4 +1,6 @@
-"""Laws of the monitor of real time: it follows what the processes tell, and advises a speed that helps."""
+"""Laws of the monitor of real time: it follows what the processes tell,
+and advises a speed that helps.
+"""
 
 import pickle
 import time
@@ -32,7 +34,9 @@ def status(process: str, time_s: float, **received: tuple[int, float]) -> Proces
 def verdict_of(
     share: float, late_s: float, speed: float, seconds: float = 2.9
 ) -> RealTimeFactor | None:
-    """What is said that long after the robot's first word, where one stream brings `share` and the other keeps up."""
+    """What is said that long after the robot's first word,
+    where one stream brings `share` and the other keeps up.
+    """
     now_ns = time.monotonic_ns()
     clock = RunClock(now_ns - round(1e9 * seconds), speed=speed)
     monitor = RealTimeMonitor(clock, robot="controller")

@@ -39,7 +39,9 @@ def test_every_effect_topic_and_field_is_explained() -> None:
 
 
 def test_every_event_that_a_process_sends_is_explained_and_no_other() -> None:
-    """By the source: what follows `event(` and its like is a code, or made of one of an enumeration."""
+    """By the source: what follows `event(` and its like is a code,
+    or made of one of an enumeration.
+    """
     rooms = ("saltus", "render", "heightmap", "policy", "controller")
     sources = [
         path.read_text()

@@ -1,4 +1,5 @@
-"""Nine packages that do real work: for each a command that needs it, the function that works, and where it is called.
+"""Nine packages that do real work: for each a command that needs it,
+the function that works, and where it is called.
 
 Commands run as a user starts them, with all their processes; `noting/sitecustomize.py` notes who
 called what.

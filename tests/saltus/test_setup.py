@@ -1,4 +1,6 @@
-"""Robot and grid come in as values: the command line names them, and nobody below it has any of its own."""
+"""Robot and grid come in as values: the command line names them,
+and nobody below it has any of its own.
+"""
 
 import ast
 from dataclasses import fields, replace

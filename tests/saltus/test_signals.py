@@ -1,4 +1,6 @@
-"""Signals that end a command: it cleans up as after Ctrl-C, and whoever started it learns of the signal."""
+"""Signals that end a command: it cleans up as after Ctrl-C,
+and whoever started it learns of the signal.
+"""
 
 import signal
 import subprocess

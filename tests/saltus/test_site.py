@@ -1,4 +1,6 @@
-"""The documentation site: it builds without a warning, opens without a network, and what it says of errors is true."""
+"""The documentation site: it builds without a warning,
+opens without a network, and what it says of errors is true.
+"""
 
 import ast
 import os

@@ -1,4 +1,6 @@
-"""What runs is what the fingerprint covers: each file is read, with the shipped network's numbers, or refused."""
+"""What runs is what the fingerprint covers: each file is read,
+with the shipped network's numbers, or refused.
+"""
 
 import hashlib
 import re

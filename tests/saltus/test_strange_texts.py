@@ -1,4 +1,6 @@
-"""Texts as editors leave them, and folders of robots as people have them: read rightly, or refused by one line."""
+"""Texts as editors leave them, and folders of robots as people have them:
+read rightly, or refused by one line.
+"""
 
 from pathlib import Path
 

@@ -1,4 +1,6 @@
-"""Tables that people write: every key of each kind, misspelt, of a wrong type or no number, is refused in one line."""
+"""Tables that people write: every key of each kind, misspelt,
+of a wrong type or no number, is refused in one line.
+"""
 
 import copy
 import tomllib

@@ -1,4 +1,6 @@
-"""Laws of templates: they read and write what the codec does, to the bit, and refuse what it refuses."""
+"""Laws of templates: they read and write what the codec does,
+to the bit, and refuse what it refuses.
+"""
 
 import dataclasses
 from typing import Any

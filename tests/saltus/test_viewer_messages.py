@@ -1,4 +1,6 @@
-"""Derived messages: plain readers decode them, and they say what the messages say that they are made of."""
+"""Derived messages: plain readers decode them,
+and they say what the messages say that they are made of.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -266,7 +268,9 @@ def test_primitives_fill_what_triangles_enclose(name: str) -> None:
 
 
 def test_planned_feet_are_where_the_leg_controller_swings_them() -> None:
-    """For any state and plan: the end of its own path with the plan's residual, on the predicted heights."""
+    """For any state and plan: the end of its own path with the plan's residual,
+    on the predicted heights.
+    """
     swing, footholds = SwingLegs(ROBOT, SwingConfig()), Footholds(ROBOT)
     for step in range(STEPS):
         sent: Any = dict(run_messages(step))

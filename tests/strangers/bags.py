@@ -1,4 +1,6 @@
-"""Bags of ROS: of both versions and all storages, with the topics, images and calibrations that robots have."""
+"""Bags of ROS: of both versions and all storages, with the topics,
+images and calibrations that robots have.
+"""
 
 import struct
 from collections.abc import Callable
@@ -206,7 +208,9 @@ def same_log(
     log: RunLog, *, lacks: tuple[str, ...] = (), lens: tuple[float, ...] | None = None,
     kept: tuple[int, ...] | None = None, step: int = 1, atol_mm: float = 0.0, tables: tuple[str, ...] = ("imu", "base"),
 ) -> None:  # fmt: skip
-    """All is that of the truth; `lens` is fx, fy, cx, cy, `kept` the images that are there, `lacks` what is not."""
+    """All is that of the truth; `lens` is fx, fy, cx, cy,
+    `kept` the images that are there, `lacks` what is not.
+    """
     true = truth()
     same_joints(
         log,

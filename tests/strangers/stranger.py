@@ -29,7 +29,9 @@ def truth() -> RunLog:
 
 @dataclass(frozen=True, kw_only=True)
 class Stranger:
-    """A file, how it is described, and either what its log must hold or what the line of its refusal must say."""
+    """A file, how it is described, and either what its log must hold
+    or what the line of its refusal must say.
+    """
 
     name: str
     write: Callable[[Path], Path]

@@ -1,4 +1,6 @@
-"""Tables of joints: texts with any separator, decimal sign and encoding, Parquet, and archives of numpy."""
+"""Tables of joints: texts with any separator,
+decimal sign and encoding, Parquet, and archives of numpy.
+"""
 
 import io
 import pickle

@@ -1,4 +1,6 @@
-"""The page of two recordings in a real browser: what it says and draws, its time line and its buttons."""
+"""The page of two recordings in a real browser:
+what it says and draws, its time line and its buttons.
+"""
 
 from collections.abc import Iterator
 

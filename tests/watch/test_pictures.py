@@ -1,4 +1,6 @@
-"""What stands beside the robot in a video: drawn from what is known at an instant, and nothing else."""
+"""What stands beside the robot in a video: drawn from what is known at an instant,
+and nothing else.
+"""
 
 from dataclasses import replace
 

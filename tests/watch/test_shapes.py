@@ -1,4 +1,6 @@
-"""Triangles of robots and terrains: closed, seen from outside, of the size of what they stand for, and where it is."""
+"""Triangles of robots and terrains: closed, seen from outside,
+of the size of what they stand for, and where it is.
+"""
 
 from collections import Counter
 

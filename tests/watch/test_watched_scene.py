@@ -1,4 +1,6 @@
-"""Scenes: they know what came before and nothing that came later, and are the same live and from a recording."""
+"""Scenes: they know what came before and nothing that came later,
+and are the same live and from a recording.
+"""
 
 import time
 from dataclasses import fields
@@ -75,7 +77,9 @@ def test_a_scene_shows_the_newest_of_what_was_sent(run: RecordedRun) -> None:
 
 
 def test_ages_and_states_are_those_of_the_table_of_topics(run: RecordedRun) -> None:
-    """At times beyond the last message, all topics grow old: on time, degraded, not to be used, silent."""
+    """At times beyond the last message, all topics grow old:
+    on time, degraded, not to be used, silent.
+    """
     world, maker = run.world, run._maker
     topic, sent_ns = TOPICS["policy/plan"], 1_000 * MS
     payload = next(s.payload for s in run_samples() if s.key == topic.name)

@@ -1,4 +1,6 @@
-"""A simulated robot over DDS in a run of the whole stack: what a robot says, and the truth beside it."""
+"""A simulated robot over DDS in a run of the whole stack:
+what a robot says, and the truth beside it.
+"""
 
 import time
 from collections import deque
@@ -110,7 +112,9 @@ class UnitreeOnCourse(CourseRobot):
         self._robot.close()
 
     def _newest(self) -> TruthSample:
-        """Truth of the state that was last read, or, in real time, of one just before; of a lost robot the newest."""
+        """Truth of the state that was last read, or, in real time,
+        of one just before; of a lost robot the newest.
+        """
         tick = LAST_TICK if self.fault else int(self._robot.message["tick"])
         if self._lockstep and not self.fault:
             return self._await_truth(tick, ANSWER_S, NOT_SIMULATED)
@@ -128,7 +132,9 @@ class UnitreeOnCourse(CourseRobot):
         return self._truth
 
     def _take(self, tick: int) -> None:
-        """Takes over the truth of a state, or the newest before it; of what comes first, whatever it is."""
+        """Takes over the truth of a state, or the newest before it;
+        of what comes first, whatever it is.
+        """
         self._waiting += [arrived.payload for arrived in self._link.take(TRUTHS)]
         newest = None
         while self._waiting and (

@@ -1,4 +1,6 @@
-"""A soft motion of a robot that hangs, which shows what joints hold against gravity and how late they answer."""
+"""A soft motion of a robot that hangs, which shows what joints
+hold against gravity and how late they answer.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -163,7 +165,9 @@ def _gravity(held: Floats, weight: Floats) -> Check:
 
 
 def _answers(motion: Motion) -> Check:
-    """Time from an edge of the square wave to the first state that tells half of it, the usual of all edges."""
+    """Time from an edge of the square wave to the first state that tells half of it,
+    the usual of all edges.
+    """
     hips = motion.torque[:, ::3].mean(axis=1)
     edges = np.flatnonzero(np.diff(motion.pulse)) + 1
     waits = [

@@ -1,4 +1,6 @@
-"""States of a robot as they come: which are taken over, what is counted, and when the robot is lost."""
+"""States of a robot as they come: which are taken over,
+what is counted, and when the robot is lost.
+"""
 
 import math
 from collections import Counter

@@ -1,4 +1,6 @@
-"""Truth about a simulated robot, which no real one says: beside its states, for camera and judge of a run."""
+"""Truth about a simulated robot, which no real one says:
+beside its states, for camera and judge of a run.
+"""
 
 from dataclasses import dataclass
 

@@ -1,1 +1,3 @@
-"""How the network of the scan came about: ground, motion, cameras and odometry in plain torch, without physics."""
+"""How the network of the scan came about: ground, motion,
+cameras and odometry in plain torch, without physics.
+"""

@@ -1,4 +1,6 @@
-"""`python -m saltus.heightmap.scan.training`: trains, evaluates and exports the network of the scan."""
+"""`python -m saltus.heightmap.scan.training`:
+trains, evaluates and exports the network of the scan.
+"""
 
 import argparse
 import sys

@@ -60,7 +60,9 @@ class Cameras(NamedTuple):
 def draw_cameras(
     camera_height: Tensor, body_height: Tensor, settings: FlightSettings, draws: Draws
 ) -> Cameras:
-    """Cameras at these heights above the ground on bodies of these heights [m], each of shape (robots,)."""
+    """Cameras at these heights above the ground on bodies of these heights [m],
+    each of shape (robots,).
+    """
     n = len(camera_height)
     down = torch.deg2rad(draws.uniform(*settings.down_deg, n, 2))
     aim = math.radians(settings.look_deg) + draws.normal(math.radians(settings.aim_deg), n)
@@ -127,7 +129,9 @@ def _rays(width: Tensor, shape: Tensor, two: Tensor, settings: FlightSettings) -
 
 
 def with_errors(depth: Tensor, cameras: Cameras, draws: Draws) -> Tensor:
-    """Depth images (robots, 2, rows, columns / 2) [m] as a stereo camera gives them; 0 is invalid before and after."""
+    """Depth images (robots, 2, rows, columns / 2) [m] as a stereo camera gives them;
+    0 is invalid before and after.
+    """
     n, _, rows, half = depth.shape
     image = depth.transpose(1, 2).reshape(n, rows, 2 * half)
     valid = image > 0.0
@@ -149,7 +153,9 @@ def with_errors(depth: Tensor, cameras: Cameras, draws: Draws) -> Tensor:
 
 
 def _blobs(n: int, rows: int, columns: int, size: int, draws: Draws) -> Tensor:
-    """Noise of deviation 1 that pixels share over about `size` of them: at 424 x 240 one ray is 5 to 7 pixels."""
+    """Noise of deviation 1 that pixels share over about `size` of them:
+    at 424 x 240 one ray is 5 to 7 pixels.
+    """
     small = draws.normal(1.0, n, 1, max(2, rows // size), max(2, columns // size))
     wide = functional.interpolate(small, size=(rows, columns), mode="bilinear", align_corners=True)[
         :, 0

@@ -1,4 +1,6 @@
-"""How far heights are off after a second of motion, on the scan and on the line, apart by what was seen of them."""
+"""How far heights are off after a second of motion,
+on the scan and on the line, apart by what was seen of them.
+"""
 
 import json
 import math
@@ -116,7 +118,9 @@ class _Tally:
         self.widths: list[list[Tensor]] = [[] for _ in GROUPS]
 
     def add(self, error: Tensor, half_width: Tensor, groups: Tensor, family: Tensor) -> None:
-        """Errors and half-widths (robots, points), groups (len(GROUPS), robots, points), families (robots,)."""
+        """Errors and half-widths (robots, points), groups (len(GROUPS),
+        robots, points), families (robots,).
+        """
         inside = (error <= half_width).double()
         for index, mask in enumerate(groups):
             weight = mask.double()

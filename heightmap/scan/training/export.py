@@ -17,7 +17,8 @@ from saltus.onnx_export import write_onnx
 
 
 def export(model: ScanModel, settings: ScanTrainSettings, path: Path) -> None:
-    """Writes the network with what feeds it: the settings of its map as TOML, names of planes and numbers.
+    """Writes the network with what feeds it:
+    the settings of its map as TOML, names of planes and numbers.
 
     Weights of the coarsest blocks, most of all, are kept in half precision; the model's are rounded
     to it, in place, so that who judges it afterwards judges the file.

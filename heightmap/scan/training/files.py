@@ -1,4 +1,6 @@
-"""Files in the folder of a training of the scan: how it went, as CSV, and the checkpoint it continues from."""
+"""Files in the folder of a training of the scan:
+how it went, as CSV, and the checkpoint it continues from.
+"""
 
 import csv
 from dataclasses import dataclass

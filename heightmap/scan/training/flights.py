@@ -1,4 +1,6 @@
-"""Cameras that fly over random ground: images, odometry and feet as a robot gets them, and the truth."""
+"""Cameras that fly over random ground: images,
+odometry and feet as a robot gets them, and the truth.
+"""
 
 from collections.abc import Callable
 from typing import NamedTuple, TypeVar
@@ -160,7 +162,8 @@ def true_heights(
     map_settings: MapSettings,
     settings: FlightSettings,
 ) -> Tensor:  # fmt: skip
-    """Heights of the map's cells as they truly are around the base, in the odometry's corrected world [m].
+    """Heights of the map's cells as they truly are around the base,
+    in the odometry's corrected world [m].
 
     Heights are relative to the base, which the robot believes at `around.base` and at its believed
     yaw.

@@ -1,4 +1,5 @@
-"""The rival that others build: a network on each image alone, whose heights are fused by their half-widths.
+"""The rival that others build: a network on each image alone,
+whose heights are fused by their half-widths.
 
 As in AME-2 (arXiv 2601.08485): what is told anew takes a cell over where it is surer than what is
 kept, which gets less sure with time. The pose is corrected as that of the best classical map.
@@ -23,7 +24,9 @@ from saltus.heightmap.scan.settings import MapSettings
 def of_image(
     state: ElevationMap, measured: Measurement, now_s: Array, settings: MapSettings
 ) -> tuple[ElevationMap, Inputs, Surroundings]:
-    """Returns what would be known and shown had this image been the first, at the pose that `state` has corrected."""
+    """Returns what would be known and shown had this image been the first,
+    at the pose that `state` has corrected.
+    """
     blank = new_map(len(now_s), settings, state.height)._replace(correction=state.correction)
     alone, around = advanced(blank, measured, replace(settings, matching=False, foot_gain=0.0))
     return alone, inputs_of(alone, around, now_s, measured.body_height), around
@@ -32,7 +35,8 @@ def of_image(
 def kept(
     state: ElevationMap, corner: Array, told: Heights, images_apart_s: Array, settings: MapSettings
 ) -> Heights:
-    """Heights of all images in the window of `state`, which holds in `told` those of the images before.
+    """Heights of all images in the window of `state`,
+    which holds in `told` those of the images before.
 
     `told` is of the last image, in the window that begins at `corner`; `images_apart_s` has shape
     (batch,).

@@ -1,4 +1,6 @@
-"""An update that a GPU repeats by itself: hundreds of small calls cost a processor more than their arithmetic a GPU."""
+"""An update that a GPU repeats by itself: hundreds
+of small calls cost a processor more than their arithmetic a GPU.
+"""
 
 from collections.abc import Callable
 
@@ -11,7 +13,9 @@ WARM_UP = 4
 
 
 class Graph:
-    """Calls `update` at first, then what was recorded of it, which works in place and waits for nothing."""
+    """Calls `update` at first, then what was recorded of it,
+    which works in place and waits for nothing.
+    """
 
     def __init__(self, draws: Draws, update: Callable[[], None]) -> None:
         self._draws, self._update = draws, update

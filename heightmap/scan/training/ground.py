@@ -75,7 +75,9 @@ def _bumps(robots: int, settings: FlightSettings, draws: Draws) -> Tensor:
 
 
 def heights_at(height: Tensor, x: Tensor, y: Tensor, raster_m: float) -> Tensor:
-    """Bilinear heights [m] of patches (robots, raster, raster) at places [m], each of shape (robots, ...)."""
+    """Bilinear heights [m] of patches (robots, raster, raster) at places [m],
+    each of shape (robots, ...).
+    """
     raster = height.shape[-1]
     i, j = ((c / raster_m + (0.5 * raster - 0.5)).clamp(0.0, raster - 1.001) for c in (x, y))
     first_i, first_j = i.floor(), j.floor()

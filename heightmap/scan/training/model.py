@@ -1,4 +1,5 @@
-"""The network of the scan: a small convolutional one on the map, which says height and half-width of every cell.
+"""The network of the scan: a small convolutional one on the map,
+which says height and half-width of every cell.
 
 Where the map was measured it starts from the map's height, where it was not, from what the network
 told last. Gates say how much of the rest counts, cell by cell, so that geometry stays what it is
@@ -99,7 +100,8 @@ class ScanModel(nn.Module):
         numbers: Tensor,
         truth: Tensor | None = None,
     ) -> tuple[Tensor, ...]:
-        """Height above `filled` [m] and half-width [m], each of shape (batch, side, side); see `Inputs`.
+        """Height above `filled` [m] and half-width [m],
+        each of shape (batch, side, side); see `Inputs`.
 
         With `truth`, true heights above `filled`, also the mean error [m] of the candidates by
         their weights.
@@ -192,13 +194,16 @@ def _candidates(filled: Tensor, measured: Tensor, memory: Tensor) -> Tensor:
 
 
 def told(model: Callable[..., Any], inputs: Inputs, filled: Tensor) -> Heights:
-    """Height and half-width that the network tells of each cell, in the world of `filled` (batch, side, side) [m]."""
+    """Height and half-width that the network tells of each cell,
+    in the world of `filled` (batch, side, side) [m].
+    """
     height, half_width = model(*inputs)
     return Heights(filled + height, half_width)
 
 
 def loss(estimate: Heights, truth: Tensor, weight: Tensor, spread: Tensor | None = None) -> Tensor:
-    """Absolute error, and how far half-widths are from holding nine of ten errors, of each size as important.
+    """Absolute error, and how far half-widths are from holding nine of ten errors,
+    of each size as important.
 
     A median chooses a side of an edge. The second is the quantile loss of the logarithm of the
     error; it leaves the heights alone. `spread` is the mean error of the candidates of a cell by

@@ -1,4 +1,6 @@
-"""Motion without physics: bases that walk, trot, bound, or are carried by hand, over the ground, with their feet."""
+"""Motion without physics: bases that walk, trot, bound,
+or are carried by hand, over the ground, with their feet.
+"""
 
 import math
 from typing import NamedTuple
@@ -67,7 +69,9 @@ def draw_motion(
 def _sway(
     gait: Tensor, phase: Tensor, time: Tensor, settings: FlightSettings, draws: Draws
 ) -> tuple[Tensor, Tensor]:
-    """Displacement of the base [m] and its angles [rad] over the time, each of shape (robots, steps, 3)."""
+    """Displacement of the base [m] and its angles [rad] over the time,
+    each of shape (robots, steps, 3).
+    """
     n, degree = len(gait), math.pi / 180.0
     is_hand, is_bound = (gait == GAITS.index(name) for name in ("hand", "bound"))
     cycle = 2.0 * math.pi * phase
@@ -142,7 +146,9 @@ def _way(
 def _support(
     ground: Ground, xy: Tensor, yaw: Tensor, body_height: Tensor, settings: FlightSettings
 ) -> Tensor:
-    """Height that the base rides on [m], shape (robots, steps): what is under it, ahead of time and smoothed."""
+    """Height that the base rides on [m], shape (robots, steps):
+    what is under it, ahead of time and smoothed.
+    """
     reach = (0.7 * body_height).clamp(0.15, 0.35)[:, None]
     cos, sin = yaw.cos() * reach, yaw.sin() * reach
     places = [(0.0, 0.0), (1.0, 0.6), (1.0, -0.6), (-1.0, 0.6), (-1.0, -0.6)]
@@ -197,5 +203,7 @@ def _feet(
 
 
 def in_base(points: Tensor, position: Tensor, angles: Tensor) -> Tensor:
-    """Points (robots, n, 3) of the world in the frame of a base at (robots, 3) with angles (robots, 3)."""
+    """Points (robots, n, 3) of the world in the frame of a base
+    at (robots, 3) with angles (robots, 3).
+    """
     return (points - position[:, None]) @ rotation(angles)

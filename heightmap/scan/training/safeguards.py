@@ -1,4 +1,5 @@
-"""Safeguards of a training: bursts of the gradient are clipped; a network that went astray returns to one of before.
+"""Safeguards of a training: bursts of the gradient are clipped;
+a network that went astray returns to one of before.
 
 In a network without norms, what grows in one layer grows in all that follow: one burst moves every
 weight by tens of learning rates, features grow by 10^20 within 50 updates, and no gradient brings
@@ -35,7 +36,9 @@ def is_astray(loss: float, inside: float) -> bool:
 
 
 class Safeguards:
-    """The safeguards of one network and its optimiser; they work in place, as a recorded update asks."""
+    """The safeguards of one network and its optimiser;
+    they work in place, as a recorded update asks.
+    """
 
     def __init__(
         self, model: ScanModel, average: ScanModel, optimiser: torch.optim.Optimizer
@@ -54,7 +57,8 @@ class Safeguards:
 
     @torch.no_grad()
     def clip(self, largest: float) -> Tensor:
-        """Limits the gradient's norm to twice the usual one, and to `largest`; drops one that is no number.
+        """Limits the gradient's norm to twice the usual one, and to `largest`;
+        drops one that is no number.
 
         Returns:
             1 where it was made smaller, else 0, shape (1,).

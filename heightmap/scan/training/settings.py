@@ -71,7 +71,8 @@ class FlightSettings(Value):
     feet: float = 0.5
     """Share of robots that tell standing feet."""
     velocity: float = 1.0
-    """Share of robots that tell how they move; the odometry of the others stands still, but turns."""
+    """Share of robots that tell how they move; the odometry of the others stands still, but
+    turns."""
     errors: float = 1.0
     """Errors of the images: 1 as drawn, 0 none."""
     odometry: tuple[float, float] = (0.0, 2.2)

@@ -39,7 +39,9 @@ def slopes(u: Tensor, edges: Tensor, height: Tensor) -> Tensor:
 
 
 def edges_of(runs: Tensor, place: Place) -> Tensor:
-    """Edges of segments of these lengths (n, k) [m], laid from before the patch on, somewhere around its middle."""
+    """Edges of segments of these lengths (n, k) [m],
+    laid from before the patch on, somewhere around its middle.
+    """
     edges = runs.cumsum(1)
     return edges - edges[:, edges.shape[1] // 2, None] + place.shift[:, None]
 
@@ -53,7 +55,9 @@ def with_boxes(
     side: tuple[float, float],
     tall: tuple[float, float],
 ) -> Tensor:
-    """Ground with boxes of any yaw on it, whose tops are level, `tall` above the ground in their middles [m]."""
+    """Ground with boxes of any yaw on it, whose tops are level,
+    `tall` above the ground in their middles [m].
+    """
     n, raster = height.shape[0], height.shape[-1]
     half = 0.5 * place.patch_m
     x, y = draws.uniform(-half, half, n, count), draws.uniform(-half, half, n, count)

@@ -1,4 +1,6 @@
-"""Trains the network of the scan on flights that are drawn while it learns: nothing is stored, nothing is repeated."""
+"""Trains the network of the scan on flights that are drawn while it learns:
+nothing is stored, nothing is repeated.
+"""
 
 import math
 import time
@@ -115,7 +117,9 @@ class Trainer:
         return self.rounds * self.settings.round
 
     def round(self, share_before: float, share_after: float) -> Progress:
-        """Makes the updates of one round, while the training goes from one share of its way to another."""
+        """Makes the updates of one round, while the training goes
+        from one share of its way to another.
+        """
         began = time.monotonic()
         settings = self.settings
         self._draws.begin(settings.seed * 1_000_003 + self.rounds)
@@ -298,7 +302,9 @@ def with_image(
 def example(
     flight: Flight, state: ElevationMap, settings: ScanTrainSettings, draws: Draws, calls: Calls
 ) -> tuple[ElevationMap, Inputs, Surroundings, Tensor]:
-    """The next image of every robot: the map with it, what the network is shown, and the true heights."""
+    """The next image of every robot: the map with it,
+    what the network is shown, and the true heights.
+    """
     shot = shoot(flight, settings.flight, draws, calls.march)
     state, inputs, around = calls.see(state, shot.measured, shot.now_s, settings.map)
     shown = state

@@ -61,7 +61,8 @@ class Noise:
     """From block to block."""
 
     def plain(self, error: Floats, sigma: Floats | None = None) -> Floats:
-        """Errors of unit variance without correlation from block to block, were windows to start from true states.
+        """Errors of unit variance without correlation from block to block,
+        were windows to start from true states.
 
         Args:
             error: Shape (..., blocks, 33).
@@ -169,7 +170,9 @@ class BodyWhitening:
         self._shrink = 1.0 - 1.0 / np.sqrt(1.0 + size**2)
 
     def __call__(self, error: Floats) -> Floats:
-        """Residuals of errors, both of shape (n, w, blocks, 33); 0 in windows that no simulation can reproduce."""
+        """Residuals of errors, both of shape (n, w, blocks, 33);
+        0 in windows that no simulation can reproduce.
+        """
         plain = self._noise.plain(error + self._measured, self._sigma)
         flat = plain.reshape(*plain.shape[:2], -1).transpose(1, 2, 0)  # (w, blocks * 33, n)
         flat = flat - self._basis @ (self._shrink[..., None] * (self._basis.mT @ flat))
@@ -252,7 +255,8 @@ class Starts:
 
     @classmethod
     def of(cls, noise: Noise, claimed: Floats, slopes: Floats, effects: Floats) -> "Starts":
-        """The starts that windows tell of, whatever effects the robot has: they are fitted with them, to first order.
+        """The starts that windows tell of, whatever effects the robot has:
+        they are fitted with them, to first order.
 
         Args:
             noise: Of the sensors.

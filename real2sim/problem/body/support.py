@@ -16,7 +16,8 @@ EVERY = 5
 
 
 def carried_by(log: RunLog) -> float:
-    """Share of the claimed weight that the commanded torques put on the ground, in the mean over a log.
+    """Share of the claimed weight that the commanded torques put on the ground,
+    in the mean over a log.
 
     In the mean the forces on a body that ends as it began are its weight, in jumps too; a robot
     that is carried, or hangs, puts none on its feet. Legs are taken as light.

@@ -1,4 +1,5 @@
-"""A log of a robot on the ground, cut into short windows from whose measured state a simulation can start.
+"""A log of a robot on the ground, cut into short windows
+from whose measured state a simulation can start.
 
 A simulation that runs for long goes its own way at the first footfall. Windows of half a second
 keep it close, and under PD control what is wrong in the state at their start fades.
@@ -140,7 +141,9 @@ def track(log: RunLog, segment: Segment) -> Track:
 
 
 def angular_velocity(quaternion: Floats) -> Floats:
-    """Smooth rates of a base, from its orientation at every physics step [rad/s], base frame, shape (n, 3)."""
+    """Smooth rates of a base, from its orientation at every physics step [rad/s],
+    base frame, shape (n, 3).
+    """
     window = min(SMOOTHING_STEPS, len(quaternion) - (len(quaternion) + 1) % 2)
     rate = savgol_filter(quaternion, window, 2, deriv=1, delta=PHYSICS_DT, axis=0)
     w, v = quaternion[:, :1], quaternion[:, 1:]
@@ -149,7 +152,9 @@ def angular_velocity(quaternion: Floats) -> Floats:
 
 
 def _starts(segments: Sequence[Segment]) -> list[tuple[int, float]]:
-    """Segment and earliest start [s] of each window: end to end, or spread where the log is longer than the budget."""
+    """Segment and earliest start [s] of each window: end to end,
+    or spread where the log is longer than the budget.
+    """
     length = WINDOW_STEPS * PHYSICS_DT
     # States at the very edge of a stretch would be noisier by half
     edge = 0.5 * SMOOTHING_STEPS * PHYSICS_DT

@@ -21,7 +21,8 @@ _candidate = partial(candidate, where="camera")
 def camera_candidates(
     latency_s: float, focal_px: float, ends_m: tuple[float, float]
 ) -> tuple[Candidate, ...]:
-    """All effects of a camera, nuisances last, counted from the claimed latency, for images of this focal length [px].
+    """All effects of a camera, nuisances last, counted from the claimed latency,
+    for images of this focal length [px].
 
     `ends_m` are the farthest depths with all and with nothing cut.
     """
@@ -130,7 +131,9 @@ class CameraEffects:
     def of(
         cls, candidates: tuple[Candidate, ...], values: Floats, clip_m: float
     ) -> "CameraEffects":
-        """Reads a vector of unknowns of `candidates`, shape (unknowns,), where measured depth ends at `clip_m`."""
+        """Reads a vector of unknowns of `candidates`, shape (unknowns,),
+        where measured depth ends at `clip_m`.
+        """
         names = [
             f"{c.effect}_{u.name}" if len(c.unknowns) > 1 else c.effect
             for c in candidates

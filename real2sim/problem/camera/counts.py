@@ -1,4 +1,6 @@
-"""Rows of a camera's residual that are no depths: spread of noise, holes and copies at edges, lost images."""
+"""Rows of a camera's residual that are no depths:
+spread of noise, holes and copies at edges, lost images.
+"""
 
 import math
 from dataclasses import dataclass, replace
@@ -52,7 +54,9 @@ Row = tuple[int, int, float, float, float, float, float]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CountRows:
-    """Each row: its kind, segment, time, what was measured, its standard deviation, and what it depends on."""
+    """Each row: its kind, segment, time, what was measured,
+    its standard deviation, and what it depends on.
+    """
 
     kind: Indices
     """0 noise, 1 holes, 2 copies, 3 lost images, 4 what noise is usual, 5 filled holes, 6 what
@@ -114,7 +118,9 @@ def _signed_deviance(share: Floats, due: Floats, angle: float) -> Floats:
 
 
 def _left(effects: CameraEffects) -> float:
-    """Width of holes after filling [px]: max(width - reach, 0), rounded off so that a fit finds its way out of 0."""
+    """Width of holes after filling [px]: max(width - reach, 0),
+    rounded off so that a fit finds its way out of 0.
+    """
     width, reach = effects.edge_holes, effects.hole_fill
     rest = width - reach
     return 0.5 * (rest + float(np.sqrt(rest**2 + 4.0 * ROUNDING_PX * width * min(reach, 1.0))))
@@ -144,7 +150,9 @@ def counted_rows(data: CameraData) -> CountRows:
 
 
 def _noise_rows(data: CameraData, noise: NoiseParts) -> list[Row]:
-    """Two rows for each part: its noise, and by how much structure that repeats would make it look larger."""
+    """Two rows for each part: its noise, and by how much structure
+    that repeats would make it look larger.
+    """
     repeating = noise.log_repeating(data.predicted)
     values = noise.log_variances(data.predicted) - repeating
     sigma = np.hypot(noise.deviation, NOISE_MODEL)
@@ -169,7 +177,9 @@ def _noise_rows(data: CameraData, noise: NoiseParts) -> list[Row]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DenseView:
-    """Whole rows of images beside what is predicted of them without effects, shape (images, rows, columns)."""
+    """Whole rows of images beside what is predicted of them without effects,
+    shape (images, rows, columns).
+    """
 
     owner: Indices
     """Segment of each image."""
@@ -226,13 +236,17 @@ def _edge_rows(data: CameraData, view: DenseView) -> list[Row]:
 
 
 def _deviation_of_mean(images: list[np.floating]) -> float:
-    """Deviation of the mean of counts of one image after the other, which a temporal filter makes alike."""
+    """Deviation of the mean of counts of one image after the other,
+    which a temporal filter makes alike.
+    """
     blocks = [np.mean(block) for block in np.array_split(images, min(BLOCKS, len(images)))]
     return float(max(np.std(part) / np.sqrt(len(part)) for part in (images, blocks)))
 
 
 def _filled_rows(data: CameraData, view: DenseView) -> list[Row]:
-    """How far holes away from edges are filled: the share that would be lost is that of the whole log."""
+    """How far holes away from edges are filled:
+    the share that would be lost is that of the whole log.
+    """
     noise_m = data.noise.sigma(data.predicted)[data.known]
     if not noise_m.size or float(np.median(noise_m)) < LEAST_NOISE_M:
         return []

@@ -1,4 +1,6 @@
-"""A run log's images prepared for comparison: chosen frames, pixels, prediction without effects, noise."""
+"""A run log's images prepared for comparison:
+chosen frames, pixels, prediction without effects, noise.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -158,7 +160,8 @@ def _choose(
     camera: ClaimedCamera,
     scene: VisibleScene,
 ) -> tuple[Indices, Indices]:
-    """Evenly spaced frames of those that lie in a segment and within the measured motion, and not in a box.
+    """Evenly spaced frames of those that lie in a segment and within the measured motion,
+    and not in a box.
 
     The camera of a simulated robot that falls may pass into the ground.
     """
@@ -182,7 +185,9 @@ def _choose(
 def _near_edge(
     grid: PixelGrid, depth: Floats, sigma: Floats, at: Callable[[PixelGrid], Floats]
 ) -> NDArray[np.bool_]:
-    """Pixels of a grid near an edge, shape (kept, pixels); `at` gives depth [m] at the pixels of another grid."""
+    """Pixels of a grid near an edge, shape (kept, pixels);
+    `at` gives depth [m] at the pixels of another grid.
+    """
     broken = np.zeros(depth.shape, dtype=bool)
     for one, other in grid.around():
         broken |= is_broken(depth, at(one), at(other), sigma)

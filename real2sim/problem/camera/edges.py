@@ -1,4 +1,6 @@
-"""Invalid and copied pixels, which no mean of depth shows: to the left of near objects, and away from edges."""
+"""Invalid and copied pixels, which no mean of depth shows:
+to the left of near objects, and away from edges.
+"""
 
 import math
 from collections.abc import Iterator
@@ -42,7 +44,8 @@ class EdgeCounts:
 def edge_counts(
     predicted_m: Floats, measured_mm: NDArray[np.uint16], range_m: float, clip_mm: float = np.inf
 ) -> EdgeCounts:
-    """Counts in the rows of images, shape (images, rows, columns), where nothing is beyond the claimed `range_m`.
+    """Counts in the rows of images, shape (images, rows, columns),
+    where nothing is beyond the claimed `range_m`.
 
     Depth is predicted without effects. What is farther than `clip_mm` reads as that: such
     neighbours are equal, and no copies.
@@ -96,7 +99,9 @@ def edge_counts(
 def _by_slope(
     depth_m: Floats, measured_mm: NDArray[np.uint16], clip_mm: float
 ) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
-    """For each class of slopes: valid pixels with a valid left neighbour, and those of them that are equal to it."""
+    """For each class of slopes: valid pixels with a valid left neighbour,
+    and those of them that are equal to it.
+    """
     # an end of the range takes noise away from what is just below it, too
     whole = (measured_mm > 0) & (measured_mm < clip_mm) & (1e3 * depth_m < clip_mm - BELOW_MM)
     pair = whole[..., 1:] & whole[..., :-1]
@@ -148,7 +153,8 @@ class FilledShare:
 def plain_pixels(
     predicted_m: Floats, measured_mm: NDArray[np.uint16], range_m: float
 ) -> NDArray[np.bool_]:
-    """Pixels away from edges, with something in range to see and a valid pixel somewhere to their left.
+    """Pixels away from edges, with something in range to see
+    and a valid pixel somewhere to their left.
 
     Args:
         predicted_m: depth without effects, shape (images, rows, columns).
@@ -172,7 +178,8 @@ def plain_pixels(
 def filled(
     predicted_m: Floats, measured_mm: NDArray[np.uint16], plain: NDArray[np.bool_], clip_mm: float
 ) -> FilledShare | None:
-    """The share of copies among plain pixels; None where noise is too small or pixels are too few to tell.
+    """The share of copies among plain pixels;
+    None where noise is too small or pixels are too few to tell.
 
     Noise that is smooth in depth makes equal neighbours about as often as neighbours that differ by
     1 mm. Noise that is smooth in the image makes neighbours alike that are 2 px apart as well.
@@ -205,7 +212,8 @@ def filled(
 
 
 def reach_px(holes: float, pixels: float, unfilled: float) -> float:
-    """How far a filter reaches that leaves so many holes, where a share `unfilled` of the pixels was lost one by one.
+    """How far a filter reaches that leaves so many holes,
+    where a share `unfilled` of the pixels was lost one by one.
 
     A hole whose next k - 1 pixels to the left are holes is filled where the reach is k; a share of
     those where it lies between k - 1 and k.
@@ -218,7 +226,9 @@ def reach_px(holes: float, pixels: float, unfilled: float) -> float:
 def _differences(
     values: NDArray[np.int32], whole: NDArray[np.bool_], part: Indices, step: int
 ) -> Floats:
-    """How often pixels `step` apart differ by -3 to 3 mm, and how many pairs there are, shape (parts, 8)."""
+    """How often pixels `step` apart differ by -3 to 3 mm,
+    and how many pairs there are, shape (parts, 8).
+    """
     pair = whole[..., step:] & whole[..., :-step]
     difference = (values[..., step:] - values[..., :-step])[pair]
     code = part[..., step:][pair] * 8 + np.where(np.abs(difference) <= 3, difference + 3, 7)

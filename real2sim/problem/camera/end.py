@@ -1,4 +1,6 @@
-"""Pixels that read the end of the range: often few, in a crease between floor and wall or at the border of images."""
+"""Pixels that read the end of the range: often few,
+in a crease between floor and wall or at the border of images.
+"""
 
 from dataclasses import dataclass, replace
 

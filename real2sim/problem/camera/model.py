@@ -71,7 +71,9 @@ class DepthModel:
         return np.asarray(share[np.searchsorted(self.shown, kept)])
 
     def rays(self, effects: CameraEffects, kept: Indices) -> tuple[Floats, Floats]:
-        """Origins [m], shape (kept, 3), and directions, shape (kept, 3, pixels), in the world frame."""
+        """Origins [m], shape (kept, 3), and directions,
+        shape (kept, 3, pixels), in the world frame.
+        """
         exposed_s = self.stamp_s[kept] - effects.arrival_jitter * self.jitter_s[kept]
         exposed_s = exposed_s - self.camera.latency_s - effects.camera_latency
         position, rotation = self.motion.at(exposed_s)
@@ -98,7 +100,8 @@ STEP = 1e-4  # m and rad, of the derivatives: moves a pixel by far less than its
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shake:
-    """Whitens images whose pixels have noise of their own and noise that they share: errors of the measured pose.
+    """Whitens images whose pixels have noise of their own and noise that they share:
+    errors of the measured pose.
 
     With A the shared part, one column for each error of the pose in units of a pixel's noise, the
     covariance is I + A A'. Its inverse root only turns down what lies in the columns' space: (I + A

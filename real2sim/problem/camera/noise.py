@@ -1,4 +1,6 @@
-"""Noise of measured depth by range, from second differences along rows, which no smooth error of geometry survives."""
+"""Noise of measured depth by range, from second differences along rows,
+which no smooth error of geometry survives.
+"""
 
 import math
 from dataclasses import dataclass
@@ -33,7 +35,9 @@ class NoiseLaw:
 
 
 def second_differences(values: Floats) -> Floats:
-    """Second differences along the last axis but one, white noise keeps its size; (frames, rows, columns - 2)."""
+    """Second differences along the last axis but one, white noise keeps its size;
+    (frames, rows, columns - 2).
+    """
     bend = values[..., 2:] - 2.0 * values[..., 1:-1] + values[..., :-2]
     return bend / np.sqrt(SECOND_DIFFERENCE)
 
@@ -59,7 +63,9 @@ def fitted_noise(depth: Floats, difference: Floats) -> NoiseLaw:
 
 
 def log_variance(difference: Floats, depth: Floats) -> tuple[float, float]:
-    """Logarithm of the variance of second differences [m], outliers cut, and its standard deviation; shapes (n,)."""
+    """Logarithm of the variance of second differences [m],
+    outliers cut, and its standard deviation; shapes (n,).
+    """
     variance, count = _variance(difference, depth)
     # neighbouring differences share two of three samples: about half of them are worth one
     # independent each
@@ -67,7 +73,8 @@ def log_variance(difference: Floats, depth: Floats) -> tuple[float, float]:
 
 
 def log_repeating(difference: Floats, depth: Floats, group: Indices, block: Indices) -> float:
-    """Logarithm of the variance of differences [m] over that of what does not repeat, 0 where nothing does.
+    """Logarithm of the variance of differences [m] over that of what does not repeat,
+    0 where nothing does.
 
     The mean product of two differences of one group is what repeats in it. Pairs of one block of
     the group, or of neighbouring blocks, do not count, as noise that lasts for a while or covers a

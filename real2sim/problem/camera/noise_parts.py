@@ -40,7 +40,9 @@ class NoiseParts:
     """Part of its segment's time in which each difference is, from 0 to `AGES`."""
 
     def log_variances(self, predicted: Floats) -> Floats:
-        """Logarithm of the variance [m^2] in each part beside predicted depth [m] of shape (kept, pixels)."""
+        """Logarithm of the variance [m^2] in each part beside predicted depth [m]
+        of shape (kept, pixels).
+        """
         difference = self._differences(predicted)
         return np.array(
             [log_variance(difference[at], z)[0] for at, z in zip(self.at, self.depth, strict=True)]

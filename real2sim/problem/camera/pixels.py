@@ -56,7 +56,9 @@ class PixelGrid:
         )
 
     def around(self) -> tuple[tuple["PixelGrid", "PixelGrid"], ...]:
-        """Pairs of grids on opposite sides of each pixel, near and at the margin, along rows and columns."""
+        """Pairs of grids on opposite sides of each pixel,
+        near and at the margin, along rows and columns.
+        """
         steps = [(0, s) for s in range(1, self.margin + 1)] + [
             (s, 0) for s in range(1, self.margin + 1)
         ]
@@ -67,7 +69,9 @@ class PixelGrid:
         return images[:, self.row, self.column]
 
     def distance_to_others(self, chosen: NDArray[np.bool_]) -> Floats:
-        """Distance of chosen pixels to the nearest of the grid that is not [px], shape (images, pixels)."""
+        """Distance of chosen pixels to the nearest of the grid that is not [px],
+        shape (images, pixels).
+        """
         images = chosen.reshape(len(chosen), -1, self.columns)
         rows, columns = images.shape[1:]
         steps = (

@@ -1,4 +1,6 @@
-"""Where the camera of a run log was and where it looked, by its claims and poses, and what there was to see."""
+"""Where the camera of a run log was and where it looked,
+by its claims and poses, and what there was to see.
+"""
 
 import math
 from dataclasses import dataclass
@@ -71,7 +73,8 @@ def claimed_mount(camera: CameraClaim) -> Mount:
 
 
 class BaseMotion:
-    """The measured pose of the base at any time: smoothed but for landings, then cubic interpolation.
+    """The measured pose of the base at any time:
+    smoothed but for landings, then cubic interpolation.
 
     An error of the pose moves all pixels of an image at once: half a milliradian shifts the ground
     at 1.5 m by more than its noise. Akima's interpolation does not swing about a base that is moved
@@ -104,7 +107,9 @@ class BaseMotion:
             self.noise_m, self.noise_rad = (max(left * each, LEAST_NOISE) for each in spread)
 
     def at(self, time_s: Floats) -> tuple[Floats, Floats]:
-        """Position [m], shape (n, 3), and rotation from base to world, shape (n, 3, 3); ends are held."""
+        """Position [m], shape (n, 3), and rotation from base to world,
+        shape (n, 3, 3); ends are held.
+        """
         if self._spline is None:
             pose = np.broadcast_to(self._pose, (len(time_s), 7))
         else:
@@ -113,7 +118,8 @@ class BaseMotion:
 
 
 def _smoothed(time_s: Floats, pose: Floats) -> tuple[Floats, float]:
-    """Cubic least squares over `SMOOTHING_S` about each sample, shape (n, 7), where a log is sampled that densely.
+    """Cubic least squares over `SMOOTHING_S` about each sample,
+    shape (n, 7), where a log is sampled that densely.
 
     Also returns what is left of white noise, over what was taken away. A stretch ends where samples
     are missing: the robot may have been carried elsewhere.
@@ -177,7 +183,9 @@ class VisibleScene:
 
 
 def _slab(origin: Floats, inverse: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]:
-    """Where rays enter and leave a box, shape (n, rays) each; entry is behind exit where they miss it."""
+    """Where rays enter and leave a box, shape (n, rays) each;
+    entry is behind exit where they miss it.
+    """
     first = last = np.empty(0)
     for axis in range(3):
         one = (low[axis] - origin[:, axis, None]) * inverse[:, axis]

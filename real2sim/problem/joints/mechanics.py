@@ -1,4 +1,6 @@
-"""Mechanics of a batch of short chains: dry friction and added inertia, backlash, and a held base that may roll."""
+"""Mechanics of a batch of short chains: dry friction and added inertia,
+backlash, and a held base that may roll.
+"""
 
 from dataclasses import dataclass
 
@@ -116,7 +118,9 @@ class Play:
         return position + rest * self.offset, velocity + rest * self.rate
 
     def transmitted(self, torque: Floats) -> tuple[Floats, Floats]:
-        """Torque that arrives at the joints, and rotor inertia that they lack, for the drives' torque."""
+        """Torque that arrives at the joints,
+        and rotor inertia that they lack, for the drives' torque.
+        """
         self._drive = torque
         return np.where(self._touches, torque, 0.0), np.where(self._touches, 0.0, self._rotor)
 
@@ -177,7 +181,8 @@ class Sway:
     stretches: tuple[tuple[int, int], ...]
 
     def rolled(self, weight: Floats, give: Floats, damping: Floats) -> Floats:
-        """Angle, rate and acceleration of the base halfway to the next row, shape (rows, 3, branches, sets).
+        """Angle, rate and acceleration of the base halfway to the next row,
+        shape (rows, 3, branches, sets).
 
         Args:
             weight: By which they are multiplied, shape (branches, sets).
@@ -193,14 +198,17 @@ class Sway:
         return np.asarray(weight * moved[..., which.reshape(give.shape)])
 
     def load(self, rolled: Floats, rows: Indices) -> Floats:
-        """Torques that resist the joints from some rows to the next [Nm], shape (windows, branches, joints, sets).
+        """Torques that resist the joints from some rows to the next [Nm],
+        shape (windows, branches, joints, sets).
 
         `rolled` is of all rows, `rows` of shape (windows,).
         """
         return np.asarray(np.einsum("wbjk,wkbs->wbjs", self.base.on_joints[rows], rolled[rows]))
 
     def _moved(self, give: Floats, damping: Floats, own: slice) -> Floats:
-        """The midpoint rule over a stretch, shape (its rows, 3, pairs); where nothing gives, the base keeps still."""
+        """The midpoint rule over a stretch, shape (its rows, 3, pairs);
+        where nothing gives, the base keeps still.
+        """
         half, gives = 0.5 * self.dt_s, give > 0.0
         moment = self.base.moment[own, None]
         stiffness, damped, inertia = self.base.on_base[own].T[..., None]

@@ -1,4 +1,6 @@
-"""From a run log to what a replay of its joints needs: uniform instants, commands, the legs' equation of motion."""
+"""From a run log to what a replay of its joints needs:
+uniform instants, commands, the legs' equation of motion.
+"""
 
 import itertools
 from dataclasses import dataclass, replace
@@ -263,7 +265,9 @@ def _halfway(values: Floats, stretches: tuple[tuple[int, int], ...], every: int)
 
 
 def _state(rows: Rows, row: int, first: int, last: int) -> tuple[Floats, Floats]:
-    """Angles and velocities at a row: parabolas through the longest stretch around it that they fit."""
+    """Angles and velocities at a row: parabolas through the
+    longest stretch around it that they fit.
+    """
     noise = _noise(rows.q[max(first, row - 250) : min(last, row + 250)])
     q, dq = np.empty((2, rows.q.shape[1]))
     settled = np.zeros(rows.q.shape[1], dtype=bool)

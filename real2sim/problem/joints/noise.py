@@ -117,7 +117,8 @@ def _quietest(pieces: int, count: int) -> float:
 
 
 def smooth_left_out(samples: Floats) -> Floats:
-    """Pieces of a signal, shape (samples, ...), without their smooth parts; shape (pieces, PIECE, ...).
+    """Pieces of a signal, shape (samples, ...), without their smooth parts;
+    shape (pieces, PIECE, ...).
 
     Where a second at a time leaves far more than a quarter of a second at a time, it is no noise: a
     robot that never rests, of which the claimed model says little.
@@ -146,7 +147,8 @@ def _rest(samples: Floats, length: int) -> Floats:
 def repeated(
     time_s: Floats, rows: Floats, commands: Floats, segments: tuple[Segment, ...], averaged: int
 ) -> list[Floats]:
-    """Pieces of noise from what is commanded twice: half the variance of the difference is that of one.
+    """Pieces of noise from what is commanded twice:
+    half the variance of the difference is that of one.
 
     Args:
         time_s: Of the rows, shape (rows,).

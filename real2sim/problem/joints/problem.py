@@ -1,4 +1,6 @@
-"""The problem of the joints: which effects in drives and encoders make a held robot move as its log says."""
+"""The problem of the joints: which effects in drives
+and encoders make a held robot move as its log says.
+"""
 
 from collections.abc import Sequence
 from copy import copy
@@ -173,7 +175,9 @@ class JointProblem(Problem):
         return self._candidates.columns[effect, list(self.places[0]).index(place)]
 
     def _with_saturations(self) -> tuple[Candidate, ...]:
-        """The candidates, those of a saturation with knee and plateau of what is fitted and what is assumed."""
+        """The candidates, those of a saturation with knee and plateau
+        of what is fitted and what is assumed.
+        """
         places = list(self.places[0])
 
         def with_assumed(candidate: Candidate) -> Candidate:
@@ -208,7 +212,9 @@ class JointProblem(Problem):
         return white.transpose(4, 2, 1, 3, 0).reshape(drives.count, len(self.blocks), -1)
 
     def _apart(self, drives: Drives) -> Floats:
-        """Measured minus simulated [rad], [rad/s], [Nm], shape (samples, signals, branches, joints, sets)."""
+        """Measured minus simulated [rad], [rad/s], [Nm],
+        shape (samples, signals, branches, joints, sets).
+        """
         motion, windows = self._motion, self._windows
         if drives.backlash is not None:
             # a rotor alone is ten times as fast as with its leg: it crosses a gap in a few steps
@@ -255,7 +261,8 @@ class JointProblem(Problem):
         self._segment = index[self._kept]
 
     def _after_a_stop(self) -> NDArray[np.bool_]:
-        """Samples after a leg has come near a stop of a joint, until its window ends: shape (samples, branches).
+        """Samples after a leg has come near a stop of a joint,
+        until its window ends: shape (samples, branches).
 
         The replay has no stops.
         """

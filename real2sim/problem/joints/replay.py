@@ -1,4 +1,5 @@
-"""Replays the commands of a log to many simulated robots at once, each with other effects in its drives.
+"""Replays the commands of a log to many simulated robots at once,
+each with other effects in its drives.
 
 The base is held, so that legs are short open chains; near the measured motion their equation of
 motion is linear with known coefficients (`saltus.sim.held_robot`). All windows and all sets of
@@ -77,7 +78,8 @@ SIGNALS = ("q", "dq", "tau_est")
 
 
 def replay(motion: Motion, windows: Windows, drives: Drives, averaged: int) -> Floats:
-    """Simulates every window with every set of effects; `averaged` rows, by which windows divide, make a sample.
+    """Simulates every window with every set of effects;
+    `averaged` rows, by which windows divide, make a sample.
 
     Returns:
         Means of `SIGNALS` over samples, shape (signals, windows, means, branches, joints, sets).
@@ -99,7 +101,8 @@ def replay(motion: Motion, windows: Windows, drives: Drives, averaged: int) -> F
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _FastLoop:
-    """A drive that evaluates its law n times in a step of the replay: what its torque, a staircase, does over the step.
+    """A drive that evaluates its law n times in a step of the replay:
+    what its torque, a staircase, does over the step.
 
     The state is taken to follow a parabola; sums over the n stairs, with 1 - rate for 1/n, give the
     weights. Checked against a replay with n times as many steps.
@@ -252,7 +255,9 @@ class _Simulation:
         return velocity
 
     def _falling(self, velocity: Floats) -> Floats | None:
-        """By how much the law's torque falls in a second, on average over the coming step [Nm/s]; None if held."""
+        """By how much the law's torque falls in a second,
+        on average over the coming step [Nm/s]; None if held.
+        """
         loop = self._loop
         if loop is None:
             return None

@@ -1,4 +1,6 @@
-"""A saturation as pairs of commanded and delivered torque, and its way into the effect of a profile."""
+"""A saturation as pairs of commanded and delivered torque,
+and its way into the effect of a profile.
+"""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -48,7 +50,9 @@ def fitted_to(saturation: TorqueSaturation, model: Robot | Path) -> TorqueSatura
 def corners_of(
     saturation: TorqueSaturation, model: Robot | Path, places: Sequence[Mapping[str, str]]
 ) -> tuple[Floats, Floats]:
-    """A saturation in pieces: from which torque on each takes [Nm] and what share, shape (blocks, places, pieces)."""
+    """A saturation in pieces: from which torque on each takes [Nm] and what share,
+    shape (blocks, places, pieces).
+    """
     starts, falls = fitted_to(saturation, model).corners
     names = [[block[place] for place in places[0] if place != "trunk"] for block in places]
     columns = np.array(
@@ -66,7 +70,9 @@ def corners_of(
 def with_curve(
     robot: Robot, before: TorqueSaturation, joints: Sequence[int], curve: Curve
 ) -> TorqueSaturation:
-    """A saturation with this curve at some joints, indices of `JOINTS`, and what it was at the others."""
+    """A saturation with this curve at some joints,
+    indices of `JOINTS`, and what it was at the others.
+    """
     before = before.fitted(robot)
     scale = robot.reduction / robot.reduction[2]
     starts, falls = before.corners
@@ -84,7 +90,9 @@ def with_curve(
 
 
 def as_knee(robot: Robot, saturation: TorqueSaturation) -> TorqueSaturation:
-    """A saturation that is given as a curve, by the knee and plateau which that curve has at each joint; else as is."""
+    """A saturation that is given as a curve,
+    by the knee and plateau which that curve has at each joint; else as is.
+    """
     if not saturation.curve:
         return saturation
     # (n, 12): each joint up to its limit

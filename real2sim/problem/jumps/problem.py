@@ -258,7 +258,9 @@ def _usual(candidate: Candidate) -> Floats:
 
 
 def _noise(values: Floats) -> float:
-    """White noise of samples, shape (n, columns), by their third differences, which are 0 in flight."""
+    """White noise of samples, shape (n, columns),
+    by their third differences, which are 0 in flight.
+    """
     return quiet_sigma(np.diff(values, n=3, axis=0)) / float(np.sqrt(20.0))
 
 

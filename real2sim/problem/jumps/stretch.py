@@ -1,4 +1,6 @@
-"""A stretch of a log of a robot that jumps: what its measured motion needs, and what its drives are told."""
+"""A stretch of a log of a robot that jumps: what its measured motion needs,
+and what its drives are told.
+"""
 
 from dataclasses import dataclass, replace
 from typing import TypeVar
@@ -81,7 +83,9 @@ class Stretch:
         return np.asarray(kp * (q_des - angle) + kd * (dq_des - rate) + feedforward)
 
     def torque(self, drives: Drives) -> Floats:
-        """Returns what drives with these effects give along the measured motion [Nm], shape (n, 4, 3, sets)."""
+        """Returns what drives with these effects give along the measured motion [Nm],
+        shape (n, 4, 3, sets).
+        """
         n = len(self.time_s)
         instants, last = np.arange(n), np.full(n, n - 1)
         angle, rate, change = (
@@ -164,7 +168,8 @@ def _turning(now: Track) -> Floats:
 
 
 class Balance:
-    """The equations of motion of a stretch, without what is unknown of them: the forces of the ground.
+    """The equations of motion of a stretch, without what is unknown of them:
+    the forces of the ground.
 
     A leg that may stand feels an unknown force at its foot, three numbers, which its own three
     equations tell; what is left are the six of the base. They hold whatever the ground is like. A
@@ -201,7 +206,9 @@ class Balance:
         self._claimed = self._needed(claimed)
 
     def left(self, torque: Floats) -> Floats:
-        """Rest of base and joints, (b, 18, sets), that drives' torques, (n, 4, 3, sets), leave to explain."""
+        """Rest of base and joints, (b, 18, sets), that drives' torques,
+        (n, 4, 3, sets), leave to explain.
+        """
         given = np.einsum("nlbi,nlis->nbs", self._on_base, torque)
         of_joints = torque.reshape(len(torque), -1, torque.shape[-1])
         lacking = self._stretch.blocks(np.concatenate([given, -of_joints], axis=1)).mean(axis=1)
@@ -218,7 +225,9 @@ class Balance:
         return self._stretch.blocks(force).mean(axis=1)
 
     def _pushed(self, force: Floats) -> Floats:
-        """Returns what the ground gives the base through legs that need these torques, shape (n, 18) -> (n, 6)."""
+        """Returns what the ground gives the base through legs that need these torques,
+        shape (n, 18) -> (n, 6).
+        """
         legs = force[:, BASE:].reshape(-1, len(LEGS), len(LINKS))
         return np.asarray(np.einsum("nlbi,nli->nb", self._on_base, legs))
 

@@ -103,7 +103,9 @@ def test_a_robot_that_falls_silent_is_damped_in_the_runs_clock() -> None:
 
 
 def test_a_stranger_is_named_and_nothing_is_sent(link: UnitreeLink) -> None:
-    """The stranger is in the process of the simulated robot, which tells how many commands came, and whose."""
+    """The stranger is in the process of the simulated robot,
+    which tells how many commands came, and whose.
+    """
     with simulated(own_domain(), "--speed", "0.5", "--fault", "foreign") as process:
         listener = UnitreeLink(own_domain(), "lo", takes=[COMMANDS])
         robot = UnitreeRobot(link, ROBOT)

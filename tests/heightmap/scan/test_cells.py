@@ -1,4 +1,6 @@
-"""Points are sorted into the cells that hold them, and windows move by whole cells, alike in numpy and in torch."""
+"""Points are sorted into the cells that hold them,
+and windows move by whole cells, alike in numpy and in torch.
+"""
 
 import numpy as np
 import pytest

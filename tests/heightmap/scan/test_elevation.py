@@ -1,4 +1,6 @@
-"""The map's laws: one robot is as a batch, numpy is as torch, drift is found, and what is far keeps its place."""
+"""The map's laws: one robot is as a batch, numpy is as torch,
+drift is found, and what is far keeps its place.
+"""
 
 from dataclasses import replace
 
@@ -67,7 +69,9 @@ def bumpy(x, y):
 
 
 def still(offset, n=20_000, seed=0):
-    """Points of bumpy ground as a robot at the origin measures them that believes to be at `offset`."""
+    """Points of bumpy ground as a robot at the origin measures them
+    that believes to be at `offset`.
+    """
     xy = np.random.default_rng(seed).uniform(-0.6, 0.6, (1, n, 2))
     points = np.concatenate((xy, bumpy(xy[..., :1], xy[..., 1:])), -1)
     pose = Pose(np.asarray([offset], float), np.eye(3)[None])
@@ -81,7 +85,9 @@ def still(offset, n=20_000, seed=0):
     "offset", [(0.01, 0.0, 0.0), (0.0, -0.01, 0.0), (0.0, 0.0, 0.01), (0.006, 0.006, -0.01)]
 )
 def test_matching_finds_the_drift_of_the_odometry(offset):
-    """A robot that stands, whose odometry jumps: after some images the correction has taken the jump back."""
+    """A robot that stands, whose odometry jumps:
+    after some images the correction has taken the jump back.
+    """
     state, _ = mapped(
         [still((0.0, 0.0, 0.0)), *(still(offset, seed=i) for i in range(1, 9))], like=np.zeros(1)
     )

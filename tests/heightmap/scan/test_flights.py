@@ -1,4 +1,6 @@
-"""Flights: rays end on the ground, a seed gives the same flight, and images without errors give the true map."""
+"""Flights: rays end on the ground, a seed gives the same flight,
+and images without errors give the true map.
+"""
 
 import pytest
 import torch
@@ -16,7 +18,9 @@ OFF_M = 0.005
 
 
 def surface_distance(ground, points, raster_m):
-    """How far points (1, n, 3) are from the surface, at most: straight up or down, or within OFF_M to any side."""
+    """How far points (1, n, 3) are from the surface, at most:
+    straight up or down, or within OFF_M to any side.
+    """
     found = []
     for dx, dy in ((0, 0), (OFF_M, 0), (-OFF_M, 0), (0, OFF_M), (0, -OFF_M)):
         found.append(heights_at(ground.height, points[..., 0] + dx, points[..., 1] + dy, raster_m))

@@ -27,7 +27,8 @@ def robot(request: pytest.FixtureRequest) -> Robot:
 
 
 def rolling(robot: Robot, rng: np.random.Generator) -> tuple[RobotState, np.ndarray]:
-    """A state in which one drawn foot rolls and the base has any attitude and turn, and the base's velocity.
+    """A state in which one drawn foot rolls and the base has any attitude and turn,
+    and the base's velocity.
 
     MuJoCo says how the shank turns and the foot moves.
     """

@@ -1,4 +1,6 @@
-"""Robots with several cameras, on the bus: each image comes under its camera's name, and a restart empties one map."""
+"""Robots with several cameras, on the bus: each image comes under its camera's name,
+and a restart empties one map.
+"""
 
 from pathlib import Path
 

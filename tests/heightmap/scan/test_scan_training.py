@@ -68,7 +68,9 @@ def test_a_training_that_goes_astray_returns_to_weights_of_before_and_learns_mor
 
 @pytest.mark.parametrize("size", [1e3, float("inf"), float("nan")])
 def test_a_burst_moves_weights_by_no_more_than_usual(small, monkeypatch, size):
-    """One gradient in seven is of another size, or none: nothing grows, and the network stays sound."""
+    """One gradient in seven is of another size, or none:
+    nothing grows, and the network stays sound.
+    """
     counts = {"updates": 0}
 
     def bursting(*given):
@@ -198,7 +200,9 @@ def test_a_new_network_tells_nearly_the_map(small):
 
 
 def test_half_widths_have_a_slope_at_their_limit(small):
-    """Without one a training whose half-widths have once gone there stays: one of two from nothing did."""
+    """Without one a training whose half-widths have once gone there stays:
+    one of two from nothing did.
+    """
     model = ScanModel(small.network, small.map)
     inputs = [torch.zeros(1, *shape) for shape in _shapes(small)]
     bias = model.head.get_parameter("bias")

@@ -1,4 +1,6 @@
-"""Ground behind an edge that no image shows is told as deep as it may be, and nothing else is changed."""
+"""Ground behind an edge that no image shows is told as deep as it may be,
+and nothing else is changed.
+"""
 
 import numpy as np
 import pytest
@@ -18,7 +20,9 @@ widths = st.lists(st.floats(0.005, 0.3), min_size=LINE.size, max_size=LINE.size)
 
 
 def course(depth: float, begin: float, length: float, far: float) -> tuple[np.ndarray, np.ndarray]:
-    """Level ground, a slope of so much depth that is in doubt, and sure ground behind it that lies `far` higher."""
+    """Level ground, a slope of so much depth that is in doubt,
+    and sure ground behind it that lies `far` higher.
+    """
     inside = (begin < X) & (begin + length > X)
     slope = np.interp(X, [begin, begin + length], [0.0, -depth])
     height = BASE_M + np.where(inside, slope, np.where(begin + length <= X, far, 0.0))

@@ -1,4 +1,6 @@
-"""The way of a robot is that of its velocities or of somebody's positions, at any time of the last second."""
+"""The way of a robot is that of its velocities or of somebody's positions,
+at any time of the last second.
+"""
 
 import numpy as np
 import pytest

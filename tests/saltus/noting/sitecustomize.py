@@ -1,4 +1,5 @@
-"""Loaded by every process of a command that test_required_packages starts: notes calls of functions of packages.
+"""Loaded by every process of a command that test_required_packages starts:
+notes calls of functions of packages.
 
 NOTED names functions as {module: attribute}. The first call of each that returns writes a file into
 the folder NOTES, named after the module, with the innermost file of the project that called it.
@@ -41,7 +42,9 @@ def of_the_project(file: str) -> bool:
 
 
 def note_first_call(module: ModuleType, attribute: str) -> None:
-    """Puts a function in the place of another that notes its first call, and then puts that one back."""
+    """Puts a function in the place of another that notes its first call,
+    and then puts that one back.
+    """
     *parents, name = attribute.split(".")
     owner = module
     for parent in parents:

@@ -1,4 +1,6 @@
-"""A payload weighs where a log says that it sits, in robots that are simulated and in those that are moved."""
+"""A payload weighs where a log says that it sits,
+in robots that are simulated and in those that are moved.
+"""
 
 import numpy as np
 import pytest
