@@ -96,8 +96,8 @@ class Simulate(PaceOptions, LinkOptions):
     held: Flag = False
     """Hold the trunk in the air, as a crane or two people would."""
     fault: Annotated[tuple[str, ...], shown("KIND[:JOINT][@SECONDS]", "none")] = ()
-    """Faults, from some second on: battery, button, crc, dead, foreign, frozen, hot, imu, late, lost,
-    offset, sign, silent, slow, stuck, tick; of dead, hot, offset and sign at a joint."""
+    """Faults, from some second on: battery, button, crc, dead, foreign, frozen, hot, imu, kept, late,
+    lost, mode, offset, sign, silent, slow, stuck, tick; of dead, hot, offset and sign at a joint."""
     seconds: Annotated[float, shown("FLOAT", "until Ctrl-C")] = math.inf
     """Time of the robot after which the simulation ends [s]."""
     seed: int = 0
@@ -113,13 +113,20 @@ class Simulate(PaceOptions, LinkOptions):
         check_speed(self.speed)
         robot = self.loaded()
         simulated = self._simulated(robot)
-        from saltus.controller.robot.unitree.link import COMMANDS, STATES, TRUTHS, UnitreeLink
+        from saltus.controller.robot.unitree.link import (
+            ANSWERS,
+            COMMANDS,
+            REQUESTS,
+            STATES,
+            TRUTHS,
+            UnitreeLink,
+        )
         from saltus.controller.robot.unitree.serving import RobotServer, Stranger
 
         lockstep = self.pace == "lockstep"
         link = UnitreeLink(
-            self.domain, self.interface, sends=[STATES, TRUTHS], takes=[COMMANDS],
-            reliable=lockstep,
+            self.domain, self.interface, sends=[STATES, TRUTHS, ANSWERS],
+            takes=[COMMANDS, REQUESTS], reliable=lockstep,
         )  # fmt: skip
         stranger = Stranger(robot, self.domain, self.interface)
         server = RobotServer(link, simulated, stranger)
@@ -188,13 +195,24 @@ class Preflight(JsonOption, LinkOptions):
         check_speed(self.speed)
         kind = self.loaded()
         from saltus.clock import RunClock
-        from saltus.controller.robot.unitree.link import COMMANDS, STATES, UnitreeLink
+        from saltus.controller.robot.unitree.link import (
+            ANSWERS,
+            COMMANDS,
+            REQUESTS,
+            STATES,
+            UnitreeLink,
+        )
         from saltus.controller.robot.unitree.preflight import preflight
 
         clock = RunClock(speed=self.speed)
-        link = UnitreeLink(self.domain, self.interface, sends=[COMMANDS], takes=[STATES])
+        link = UnitreeLink(
+            self.domain, self.interface, sends=[COMMANDS, REQUESTS], takes=[STATES, ANSWERS]
+        )
         try:
-            checks = preflight(link, kind, clock, ticking(clock), stands=self.standing)
+            checks = preflight(
+                link, kind, clock, ticking(clock), stands=self.standing,
+                agreed=release_agreed(kind.name),
+            )  # fmt: skip
         finally:
             link.close()
         for check in checks:
@@ -220,6 +238,21 @@ def ticking(clock: "RunClock") -> "Callable[[], float]":
         return clock.elapsed_s()
 
     return wait
+
+
+def release_agreed(name: str, *, begin: bool = False) -> "Callable[[str], None]":
+    """A function that says in which mode a robot moves itself, and returns when a person lets it be released."""
+
+    def agreed(mode: str) -> None:
+        print(
+            f"{name} is moved by its own motion service, in mode '{mode}': when that is released, a "
+            "robot that stands sinks to the ground",
+            flush=True,
+        )
+        if not begin:
+            input("Enter releases it; lay the robot down first, or hang it. Ctrl-C ends it: ")
+
+    return agreed
 
 
 def refuse_unfit(link: "UnitreeLink", name: str, wait: "Callable[[], float]") -> None:
@@ -291,9 +324,9 @@ class Log(LinkOptions):
 class Run(PaceOptions, LinkOptions):
     """Lets a robot stand, bound over level ground, or make an experiment's motion, over its own protocol.
 
-    The robot is listened to first, and refused as by the preflight. Then it rises in 2 s, stands,
-    and with `--stage bound` bounds ahead for `--seconds`; at the end, and after Ctrl-C, it lands,
-    stands, and is left damped: it sinks to the ground.
+    Its own motion service is released, and the robot listened to and refused as by the preflight.
+    Then it rises in 2 s, stands, and with `--stage bound` bounds ahead for `--seconds`; at the end,
+    and after Ctrl-C, it lands, stands, and is left damped: it sinks to the ground.
 
     For example:
       saltus robot run --stage stand
@@ -308,7 +341,7 @@ class Run(PaceOptions, LinkOptions):
     """How long it stands or bounds, after it has risen and stood for a second [s]; experiments have
     a length of their own."""
     begin: Flag = False
-    """Begin at once. Without it you are asked to press Enter."""
+    """Begin at once, and release the robot's own motion service. Without it you are asked to press Enter."""
 
     def run(self) -> int:
         """Runs it and says how it ended; 1 where the robot was lost or tipped over."""
@@ -316,7 +349,14 @@ class Run(PaceOptions, LinkOptions):
         kind = self.loaded()
         from saltus.clock import RunClock
         from saltus.controller.robot.unitree.limits import STAGES
-        from saltus.controller.robot.unitree.link import COMMANDS, STATES, UnitreeLink
+        from saltus.controller.robot.unitree.link import (
+            ANSWERS,
+            COMMANDS,
+            REQUESTS,
+            STATES,
+            UnitreeLink,
+        )
+        from saltus.controller.robot.unitree.motion_service import MotionService
         from saltus.controller.robot.unitree.robot import UnitreeRobot
         from saltus.real2sim.experiments.on_backend import held_experiment
 
@@ -324,12 +364,14 @@ class Run(PaceOptions, LinkOptions):
             held_experiment(self.stage)  # a wrong name is told before anything moves
         lockstep, clock = self.pace == "lockstep", RunClock(speed=self.speed)
         link = UnitreeLink(
-            self.domain, self.interface, sends=[COMMANDS], takes=[STATES], reliable=lockstep
-        )
+            self.domain, self.interface, sends=[COMMANDS, REQUESTS], takes=[STATES, ANSWERS],
+            reliable=lockstep,
+        )  # fmt: skip
         limits = STAGES.get(self.stage)  # an experiment has its own
         robot = UnitreeRobot(link, kind, clock, limits=limits, lockstep=lockstep)
         wait = (lambda: 0.0) if lockstep else ticking(clock)
         with contextlib.closing(robot):
+            MotionService(link).release(release_agreed(kind.name, begin=self.begin))
             if not lockstep:
                 refuse_unfit(link, kind.name, wait)
             if not self.begin:

@@ -6,7 +6,14 @@ from pathlib import Path
 from typing import Annotated
 
 from saltus.cli.output import follow, run_directory
-from saltus.cli.robot_link import DomainOptions, await_person, need_dds, refuse_unfit, ticking
+from saltus.cli.robot_link import (
+    DomainOptions,
+    await_person,
+    need_dds,
+    refuse_unfit,
+    release_agreed,
+    ticking,
+)
 from saltus.cli.run_options import NetworkOptions, RunOptions
 from saltus.config import LONGEST_RUN_S, Link, Pace
 from saltus.errors import ConfigError, RecordingError
@@ -31,7 +38,8 @@ class Up(DomainOptions, RunOptions, NetworkOptions):
     """Here: the controller simulates the robot. dds: a `saltus robot simulate` that runs already, on the
     same terrain and at the same pace and speed, is spoken to over its own protocol."""
     begin: Flag = False
-    """With --link dds: the robot rises at once. Without it you are asked to press Enter."""
+    """With --link dds: the robot is released from its own motion service and rises at once. Without it
+    you are asked to press Enter."""
     standbys: Flag = False
     """Camera, heightmap service and planner each have a second process that works along unheard, and goes on where the
     first was killed; without, the camera has one that waits. On two cores they take the others'
@@ -88,14 +96,20 @@ class Up(DomainOptions, RunOptions, NetworkOptions):
         return 1 if lost else 0
 
     def _meet(self) -> None:
-        """Listens to a robot over DDS, and waits for a person; `StackError` where it may not be commanded."""
+        """Releases a robot over DDS from its own motion service, listens to it, and waits for a person.
+
+        Raises:
+            StackError: it may not be commanded.
+        """
         need_dds()
         from saltus.clock import RunClock
-        from saltus.controller.robot.unitree.link import COMMANDS, STATES, UnitreeLink
+        from saltus.controller.robot.unitree.link import ANSWERS, REQUESTS, STATES, UnitreeLink
+        from saltus.controller.robot.unitree.motion_service import MotionService
 
-        if self.pace == "realtime":  # in lockstep it says nothing unless it is told something
-            link = UnitreeLink(self.domain, self.interface, sends=[COMMANDS], takes=[STATES])
-            with contextlib.closing(link):
+        link = UnitreeLink(self.domain, self.interface, sends=[REQUESTS], takes=[STATES, ANSWERS])
+        with contextlib.closing(link):
+            MotionService(link).release(release_agreed(self.robot, begin=self.begin))
+            if self.pace == "realtime":  # in lockstep it says nothing unless it is told something
                 refuse_unfit(link, self.robot, ticking(RunClock(speed=self.speed)))
         if not self.begin:
             await_person(self.robot)

@@ -31,6 +31,8 @@ KINDS = {
     "battery": "the battery is at 4 %",
     "imu": "the IMU is pitched by 20 degrees",
     "foreign": "another program commands the robot, too",
+    "mode": "the robot's own motion service moves it, until it is released",
+    "kept": "the same, and it is not released",
     "button": "a button of the remote is pressed, which is no fault but ends a run",
 }
 """Kinds of faults."""

@@ -29,14 +29,19 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
-from saltus.controller.robot.unitree.messages import LOW_COMMAND, LOW_STATE, Layout
+from saltus.controller.robot.unitree.messages import LOW_COMMAND, LOW_STATE
 from saltus.controller.robot.unitree.truth import TRUTH
 from saltus.dds_types import raw_type_of
 from saltus.errors import StackError
 
 COMMANDS, STATES, TRUTHS = "rt/lowcmd", "rt/lowstate", "rt/simulated_robot"
-LAYOUTS: dict[str, Layout] = {COMMANDS: LOW_COMMAND, STATES: LOW_STATE, TRUTHS: TRUTH}
-"""Topics of the low level and what they carry; the last is a simulated robot's alone."""
+REQUESTS, ANSWERS = "rt/api/motion_switcher/request", "rt/api/motion_switcher/response"
+REQUEST_TYPE, ANSWER_TYPE = "unitree_api/msg/Request", "unitree_api/msg/Response"
+TYPES = {
+    COMMANDS: LOW_COMMAND.type_name, STATES: LOW_STATE.type_name, TRUTHS: TRUTH.type_name,
+    REQUESTS: REQUEST_TYPE, ANSWERS: ANSWER_TYPE,
+}  # fmt: skip
+"""Topics and the types that they carry; `TRUTHS` is a simulated robot's alone."""
 DOMAIN_MAX = 232  # of DDS: ports of higher ones do not exist
 LOOPBACK = "lo"
 INTERFACE = re.compile(r"[\w.:@-]{1,15}")  # names of Linux: IFNAMSIZ is 16 with its end
@@ -190,7 +195,7 @@ class UnitreeLink:
         return waits
 
     def _topic(self, name: str) -> Any:
-        return Topic(self._participant, name, raw_type_of(LAYOUTS[name].type_name))
+        return Topic(self._participant, name, raw_type_of(TYPES[name]))
 
 
 class _Intake(Listener):

@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 from queue import Empty, SimpleQueue
 
-from saltus.controller.robot.unitree.link import COMMANDS, LAYOUTS, STATES, Arrived
+from saltus.controller.robot.unitree.link import COMMANDS, STATES, TYPES, Arrived
 from saltus.controller.robot.unitree.states import StateWatch
 from saltus.recordings.cdr_log import CdrLog
 
@@ -16,7 +16,7 @@ WAIT_S = 0.1
 
 def new_log(path: Path) -> CdrLog:
     """An empty recording of a robot; the errors of `CdrLog`."""
-    return CdrLog(path, {topic: LAYOUTS[name].type_name for name, topic in TOPICS.items()})
+    return CdrLog(path, {topic: TYPES[name] for name, topic in TOPICS.items()})
 
 
 def record(

@@ -47,7 +47,27 @@ DEFINITIONS = {
         "uint32 reserve\nuint32 crc\n"
     ),
 }
-ros.add_types(DEFINITIONS)
+SERVICE_DEFINITIONS = {
+    "unitree_api/msg/RequestIdentity": "int64 id\nint64 api_id\n",
+    "unitree_api/msg/RequestLease": "int64 id\n",
+    "unitree_api/msg/RequestPolicy": "int32 priority\nbool noreply\n",
+    "unitree_api/msg/RequestHeader": (
+        "unitree_api/RequestIdentity identity\nunitree_api/RequestLease lease\n"
+        "unitree_api/RequestPolicy policy\n"
+    ),
+    "unitree_api/msg/Request": (
+        "unitree_api/RequestHeader header\nstring parameter\nuint8[] binary\n"
+    ),
+    "unitree_api/msg/ResponseStatus": "int32 code\n",
+    "unitree_api/msg/ResponseHeader": (
+        "unitree_api/RequestIdentity identity\nunitree_api/ResponseStatus status\n"
+    ),
+    "unitree_api/msg/Response": (
+        "unitree_api/ResponseHeader header\nstring data\nuint8[] binary\n"
+    ),
+}
+"""Requests to a robot's services and their answers: Unitree's `unitree_api` (BSD-3)."""
+ros.add_types(DEFINITIONS | SERVICE_DEFINITIONS)
 
 MOTORS = 12
 """Motors that a Go2 has, of the 20 of its messages: FR, FL, RR, RL, each hip, thigh, calf."""

@@ -148,7 +148,7 @@ class UnitreeRobot(RobotBackend):
         if others := self._link.others(COMMANDS):
             raise StackError(
                 f"the robot is commanded by {' and '.join(others)}: nothing is sent to it; end "
-                "that program, or release the robot's motion service with its app"
+                "that program; the robot's own motion service is released by `saltus robot run`"
             )
 
     def _damping(self) -> JointCommand:

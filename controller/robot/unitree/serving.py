@@ -4,14 +4,21 @@ import time
 
 from saltus.clock import RunClock
 from saltus.constants import PHYSICS_DT
-from saltus.controller.robot.unitree.link import COMMANDS, STATES, TRUTHS, UnitreeLink
+from saltus.controller.robot.unitree.link import (
+    ANSWERS,
+    COMMANDS,
+    REQUESTS,
+    STATES,
+    TRUTHS,
+    UnitreeLink,
+)
 from saltus.controller.robot.unitree.simulated import SimulatedUnitree, holding_message
 from saltus.robots.robot import Robot
 from saltus.runtime.ticker import Ticker
 
 CATCH_UP_TICKS = 500
 """1 s: the clock of a real robot does not fall behind where the machine stalls."""
-ANEW_S = 0.1  # how often the first state of a lockstep run is said again
+ANEW_S = 0.1  # how often a lockstep run says a state again until it is answered
 
 
 class Stranger:
@@ -33,6 +40,7 @@ class Stranger:
         """Leaves the domain, if it was joined."""
         if self._link is not None:
             self._link.close()
+            self._link = None
 
 
 class RobotServer:
@@ -48,27 +56,37 @@ class RobotServer:
             ticker.wait()
             for arrived in self._link.take(COMMANDS):
                 self._robot.hear(arrived.payload)
-            self._tick()
+            self._send(self._robot.step())
+            self._serve()
 
     def lockstep(self, until_s: float) -> None:
         """Advances by 2 ms with each command, as fast as these come, and answers each."""
-        first, said_s = self._robot.said(), 0.0  # once: noise must not depend on how long one waits
+        last, said_s = self._robot.said(), 0.0  # noise must not depend on how long one waits
+        awaited = True  # somebody who is to move the robot and has not said so yet
         while self._robot.time_s < until_s:
             taken = self._link.take(COMMANDS)
             for arrived in taken:
                 self._robot.hear(arrived.payload)
-                self._tick()
+                last = self._robot.step()
+                self._send(last)
+            self._serve()
             if taken:
+                awaited = self._robot.is_commanded_by_others
                 continue
-            if not self._robot.commands and time.monotonic() - said_s > ANEW_S:
+            if awaited and time.monotonic() - said_s > ANEW_S:
                 said_s = time.monotonic()
-                self._send(first)
+                self._send(last)
             self._link.wait(COMMANDS, ANEW_S)
 
-    def _tick(self) -> None:
-        self._send(self._robot.step())
+    def _serve(self) -> None:
+        """Answers requests, and lets others command the robot, or not any more."""
+        for arrived in self._link.take(REQUESTS):
+            for payload in self._robot.answer(arrived.payload):
+                self._link.send(ANSWERS, payload)
         if self._robot.is_commanded_by_others:
             self._stranger.command()
+        else:
+            self._stranger.close()
 
     def _send(self, payloads: list[bytes]) -> None:
         self._link.send(TRUTHS, self._robot.truth())  # before the state, with which it is asked for

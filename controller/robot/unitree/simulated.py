@@ -7,6 +7,7 @@ from saltus.constants import PHYSICS_DT
 from saltus.controller.robot.unitree.drives import MS, command_message, command_of, state_message
 from saltus.controller.robot.unitree.faults import Faults
 from saltus.controller.robot.unitree.messages import LOW_COMMAND, LOW_STATE, Message, is_intact
+from saltus.controller.robot.unitree.motion_service import SimulatedMotionService
 from saltus.controller.robot.unitree.truth import truth_payload
 from saltus.errors import MessageError
 from saltus.joint_command import JointCommand
@@ -15,6 +16,8 @@ from saltus.sim.plant import Plant
 
 CELLS, CELL_MV = 8, 3700
 """Battery of a Go2: 29.6 V nominal (Unitree's data sheet), which is eight cells of lithium."""
+MODE = "mcf"
+"""Mode in which a Go2 of today moves itself."""
 CHARGE_PERCENT, MOTOR_C, BOARD_C = 90, 35, 45
 """Values of a healthy robot at rest."""
 GYRO_NOISE = 0.001
@@ -39,6 +42,7 @@ class SimulatedUnitree:
         self._noise = np.random.default_rng(seed)
         self._plant, self._faults = plant, faults or Faults(())
         self._command = _holding(plant.robot)
+        self._service = SimulatedMotionService()
         self._ticks = self._contacts = 0
         self.commands = 0
         """Commands that were taken."""
@@ -57,8 +61,20 @@ class SimulatedUnitree:
 
     @property
     def is_commanded_by_others(self) -> bool:
-        """True while another program is to command the robot, too."""
-        return bool(self._faults.active("foreign", self.time_s))
+        """True while another program is to command the robot, too, or its own motion service does."""
+        return bool(self._faults.active("foreign", self.time_s) or self.mode)
+
+    @property
+    def mode(self) -> str:
+        """Mode in which its own motion service moves it; empty if it does not."""
+        keeps = self._faults.active("kept", self.time_s)
+        moves = self._faults.active("mode", self.time_s) and not self._service.released
+        return MODE if keeps or moves else ""
+
+    def answer(self, payload: bytes) -> list[bytes]:
+        """The answers of its motion service to a request, as they travel."""
+        keeps = bool(self._faults.active("kept", self.time_s))
+        return self._service.answer(payload, self.mode, keeps=keeps)
 
     def hear(self, payload: bytes) -> None:
         """Takes one command."""

@@ -19,7 +19,7 @@ FOUND_BY = {
     "frozen": {"rate", "clock"}, "stuck": {"clock"}, "crc": {"checksums"}, "tick": {"clock"},
     "hot": {"temperatures"}, "battery": {"battery"}, "imu": {"level"}, "dead": {"motors"},
     "sign": {"gravity", "follows", "ranges"}, "foreign": {"alone"},
-    "button": {"clock"},
+    "button": {"clock"}, "kept": {"service", "alone"},
 }  # fmt: skip
 """Checks of a hanging robot of which one at least refuses it, by the fault."""
 
@@ -47,8 +47,19 @@ def test_each_fault_of_a_hanging_robot_is_found_and_named(kind: str) -> None:
     assert found <= FOUND_BY[kind] | ({"rate", "gaps", "follows"} if kind != "hot" else set())
 
 
+def test_a_robot_that_moves_itself_is_released_where_it_hangs_and_only_told_where_it_stands() -> (
+    None
+):
+    assert refused("mode") == set()
+    wire = Wire(simulated("mode"))
+    assert all(checked(wire, stands=True).values())
+    assert wire.robot.mode
+    wire.strangers = ("another",)
+    assert not checked(wire, stands=True)["alone"]
+
+
 def test_every_kind_of_fault_is_looked_for() -> None:
-    assert {*FOUND_BY, "offset"} == {*KINDS}
+    assert {*FOUND_BY, "offset", "mode"} == {*KINDS}
 
 
 @pytest.mark.parametrize("joint", JOINTS[3:])
@@ -71,7 +82,7 @@ def test_healthy_robots_pass_all_checks(seed: int, stands: bool) -> None:
     wire = Wire(simulated(seed=seed, held=not stands))
     checks = checked(wire, stands=stands)
     assert all(checks.values())
-    assert len(checks) == (10 if stands else 15)
+    assert len(checks) == (11 if stands else 16)
     if stands:
         assert not wire.sent
     else:  # it is left damped

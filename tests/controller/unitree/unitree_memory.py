@@ -8,7 +8,14 @@ import numpy as np
 from saltus.constants import PHYSICS_DT
 from saltus.controller.loop import ControlLoop
 from saltus.controller.robot.unitree.faults import Fault, Faults
-from saltus.controller.robot.unitree.link import COMMANDS, STATES, TRUTHS, Arrived
+from saltus.controller.robot.unitree.link import (
+    ANSWERS,
+    COMMANDS,
+    REQUESTS,
+    STATES,
+    TRUTHS,
+    Arrived,
+)
 from saltus.controller.robot.unitree.robot import UnitreeRobot
 from saltus.controller.robot.unitree.simulated import SimulatedUnitree
 from saltus.controller.tick import CompiledTick
@@ -41,7 +48,7 @@ class Wire:
     def __init__(self, robot: SimulatedUnitree, strangers: Sequence[str] = ()) -> None:
         self.robot, self.strangers = robot, tuple(strangers)
         self.sent: list[bytes] = []
-        self._come: dict[str, list[Arrived]] = {STATES: [], TRUTHS: []}
+        self._come: dict[str, list[Arrived]] = {STATES: [], TRUTHS: [], ANSWERS: []}
 
     def elapsed_s(self) -> float:
         return self.robot.time_s
@@ -52,6 +59,9 @@ class Wire:
             self._come[topic] += [Arrived(payload, 0, 0) for payload in payloads]
 
     def send(self, topic: str, payload: bytes) -> None:
+        if topic == REQUESTS:
+            self._come[ANSWERS] += [Arrived(each, 0, 0) for each in self.robot.answer(payload)]
+            return
         assert topic == COMMANDS
         self.sent.append(payload)
         self.robot.hear(payload)
@@ -63,8 +73,10 @@ class Wire:
     def wait(self, topic: str, seconds: float) -> None:
         pass
 
-    def others(self, _topic: str) -> tuple[str, ...]:
-        return self.strangers
+    def others(self, topic: str) -> tuple[str, ...]:
+        if topic == ANSWERS:
+            return ("its service",)
+        return (*self.strangers, *(["its service"] if self.robot.mode else []))
 
     def close(self) -> None:
         pass

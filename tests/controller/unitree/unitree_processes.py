@@ -7,10 +7,11 @@ from collections.abc import Iterator
 
 
 @contextlib.contextmanager
-def saltus(*command: str) -> Iterator["subprocess.Popen[str]"]:
+def saltus(*command: str, **streams: int) -> Iterator["subprocess.Popen[str]"]:
     with subprocess.Popen(
-        [sys.executable, "-P", "-m", "saltus.cli.main", *command], stdout=subprocess.PIPE, text=True
-    ) as process:
+        [sys.executable, "-P", "-m", "saltus.cli.main", *command],
+        stdout=subprocess.PIPE, text=True, **streams,
+    ) as process:  # fmt: skip
         try:
             yield process
         finally:
