@@ -8,7 +8,7 @@ import tomllib
 import typing
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Literal, Self, TypeVar
 
@@ -182,7 +182,7 @@ class Value:
         """The value as TOML."""
         return to_toml(self)
 
-    @property
+    @cached_property
     def fingerprint(self) -> str:
         """Changes with every number of the value:
         first 16 hexadecimal digits of the sha256 of its TOML.

@@ -36,10 +36,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
+@pytest.hookimpl(tryfirst=True)  # before tests are chosen by their marks
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """The many quick files of tests/saltus come last:
     no worker of a parallel run waits long for the other's last.
     """
+    _mark_further_cases(items)
     items.sort(key=lambda item: QUICK in item.path.parents)
     seed: int | None = config.getoption("--order")
     if seed is not None:
@@ -47,6 +49,25 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         order.shuffle(items)
         places = {path: order.random() for path in dict.fromkeys(item.path for item in items)}
         items.sort(key=lambda item: places[item.path])
+
+
+def _mark_further_cases(items: list[pytest.Item]) -> None:
+    """Makes slow all but `n` cases of a test that is marked `sample(n)`.
+
+    The first stays, and others that are evenly spread.
+    """
+    cases: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        if item.get_closest_marker("sample") and not item.get_closest_marker("slow"):
+            cases.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    for family in cases.values():
+        mark = family[0].get_closest_marker("sample")
+        assert mark is not None
+        number = min(mark.args[0], len(family))
+        chosen = {place * len(family) // number for place in range(number)}
+        for place, item in enumerate(family):
+            if place not in chosen:
+                item.add_marker("slow")
 
 
 def pytest_collection_finish() -> None:

@@ -80,6 +80,7 @@ def test_stands_for_three_seconds_without_plans():
     assert estimate.leg_contact.all()
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("phase", [0.0, 0.4])  # from a faster gait at every phase: test_braking.py
 def test_lands_and_stands_when_plans_stop(phase):
     robot, loop = make_robot(seed=int(10 * phase)), ControlLoop(ROBOT)
@@ -129,6 +130,7 @@ def joint_plan(status=PlanStatus.GO, targets=ROBOT.stand_pose):
     )  # fmt: skip
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("silent_s", [FIRST_STAND_S + 0.5, np.inf])
 def test_joint_targets_are_held_and_their_end_is_a_stand(silent_s):
     """Without them the robot lands and stays stopped; told to stand it stands; it never falls."""

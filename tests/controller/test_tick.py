@@ -83,6 +83,7 @@ def assert_acts_alike(tick, other, rng, count, draw, before, mode):
         assert_near(row_of(together, k), alone, f"{mode.name}, robot {k}: ")
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("mode", [*ControllerMode])
 def test_the_compiled_law_is_the_law(mode, draw, compiled):
     assert_acts_alike(TICK, compiled, np.random.default_rng(mode), DRAWN, draw, mode, mode)

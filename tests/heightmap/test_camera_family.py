@@ -153,6 +153,7 @@ def test_there_is_an_example_of_every_effect() -> None:
     assert {type(effect) for effect in CAMERA} == {*ViewChain.order, *CameraChain.order}
 
 
+@pytest.mark.sample(7)
 @pytest.mark.parametrize("effects", CASES, ids=lambda effects: effects[-1].name)
 def test_robots_get_the_images_of_the_camera_process(
     effects: tuple[Effect[Any], ...], motion: Trajectory, monkeypatch: pytest.MonkeyPatch

@@ -56,6 +56,7 @@ def collected(out: Path, camera: str, *more: str) -> list[Episode]:
     return read_dataset(out)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("camera", ["ideal", "d435i"])
 def test_a_seed_repeats_the_shard_and_a_profile_moves_the_camera(
     camera: str, tmp_path: Path
@@ -79,6 +80,7 @@ def test_a_seed_repeats_the_shard_and_a_profile_moves_the_camera(
         assert nearer < 0.97  # it looks further down
 
 
+@pytest.mark.slow
 def test_all_that_a_profile_says_of_robots_and_cameras_reaches_both_collections(
     tmp_path: Path,
 ) -> None:

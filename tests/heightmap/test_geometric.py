@@ -43,6 +43,7 @@ def step_run() -> Glide:
     return glide(STEP)
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("camera", [MODEL_CAMERA, FINE], ids=["model", "fine"])
 @pytest.mark.parametrize("terrain", [FLAT, STEP, STAIRS], ids=lambda t: t.terrain)
 def test_with_exact_odometry_heights_are_those_of_the_terrain(

@@ -128,6 +128,7 @@ def compare(
             np.testing.assert_allclose(step.heights[robot], told(answer), atol=1e-5)
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize(
     "effects", [PROFILE.camera, *CASES, GAPS], ids=lambda effects: effects[-1].name
 )
@@ -138,6 +139,7 @@ def test_they_are_those_of_the_deployed_processes(
     compare(effects, model_path, [HeightmapService(network) for _ in TRIALS], tmp_path)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("effects", [PROFILE.camera, GAPS], ids=["shipped", "gaps"])
 def test_those_of_the_scan_are_those_of_its_services(
     effects: tuple[Effect[Any], ...], tmp_path: Path
@@ -158,6 +160,7 @@ def test_a_file_says_whether_it_is_of_the_line_or_of_the_scan(model_path: Path) 
         load_predictor(used_networks.model_path("policy"), ROBOT)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", ["line", "scan"])
 def test_a_robot_that_starts_again_has_forgotten(kind: str, model_path: Path) -> None:
     batch = rollout(model_path)
@@ -176,6 +179,7 @@ def test_a_robot_that_starts_again_has_forgotten(kind: str, model_path: Path) ->
     np.testing.assert_array_equal(first, again)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("camera", "course", "model"),
     [

@@ -235,6 +235,7 @@ def test_without_truth_predictions_are_measured_by_later_ones(
     assert np.nanmedian(new) == pytest.approx(0.03, abs=0.01)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("kept", [0.3, 0.6, 0.95])
 def test_a_cut_recording_is_measured_and_says_what_is_lost(
     recording: Recording, tmp_path: Path, kept: float

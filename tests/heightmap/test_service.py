@@ -126,6 +126,7 @@ def test_loss_is_told_within_60_and_110_ms_of_the_last_arrival(model_path: Path)
     assert set(statuses[last + 9 :]) == {INVALID}
 
 
+@pytest.mark.sample(12)
 @pytest.mark.parametrize("camera_ms", [0, 50, 165])
 @pytest.mark.parametrize("extra_ms", range(0, 200, 10))
 def test_late_frames_switch_the_status_at_the_thresholds(
@@ -278,6 +279,7 @@ def test_more_than_a_fifth_of_lost_frames_is_told(
     assert set(statuses[250:]) == {status}
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("seed", range(5))
 def test_five_percent_of_random_losses_change_no_status(model_path: Path, seed: int) -> None:
     lost = np.random.default_rng(seed).uniform(size=1000) < 0.05

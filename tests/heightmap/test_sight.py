@@ -143,6 +143,7 @@ def of_batch(moments: list[Moment], network: Any, array: Callable[[Any], Any]) -
         )
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("seed", range(3))
 def test_images_states_and_nonsense_lead_to_the_same_heights(
     seed: int, model_path: Path, model: HeightmapModel

@@ -60,6 +60,7 @@ class OnCourse:
         self.robot = UnitreeOnCourse(self.wire, FLAT, self.wire, lockstep=False)  # type: ignore[arg-type]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("seed", range(2))
 def test_truth_is_that_of_the_state_that_was_read_and_goes_on_where_states_end(seed: int) -> None:
     on = OnCourse("silent@3.6", seed=seed)
@@ -111,6 +112,7 @@ def messages_of_a_run(folder: Path, pace: Pace, limit_s: float) -> list[tuple[st
     return [(raw.key, unpack(topic_of(raw.key), raw)[1]) for raw in stream.drain()]
 
 
+@pytest.mark.slow
 def test_a_lockstep_run_rises_and_repeats_to_the_bit(tmp_path: Path) -> None:
     runs = []
     for _ in range(2):
@@ -130,6 +132,7 @@ def test_a_lockstep_run_rises_and_repeats_to_the_bit(tmp_path: Path) -> None:
         np.testing.assert_array_equal(ours.velocity_base_in_world, theirs.velocity_base_in_world)
 
 
+@pytest.mark.slow
 def test_a_run_whose_robot_is_lost_damps_it_says_so_and_ends(tmp_path: Path) -> None:
     with simulated_process(own_domain(), "--speed", str(SPEED), "--fault", "silent@1.0"):
         said = messages_of_a_run(tmp_path, "realtime", 60.0)

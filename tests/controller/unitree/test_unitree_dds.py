@@ -78,6 +78,7 @@ def test_a_simulated_robot_stands_in_step_with_commands(link: UnitreeLink) -> No
     assert robot.health.lost == 0
 
 
+@pytest.mark.slow
 def test_a_robot_that_falls_silent_is_damped_in_the_runs_clock() -> None:
     link = UnitreeLink(own_domain(), "lo", sends=[COMMANDS], takes=[STATES])
     with simulated(own_domain(), "--speed", str(SLOW), "--fault", "silent@0.1"):

@@ -160,6 +160,7 @@ def test_a_log_is_not_written_over(recorded: Recorded, tmp_path: Path) -> None:
         written(tmp_path, recorded.rows[:2], "ours")
 
 
+@pytest.mark.slow
 def test_a_robot_is_logged_whole_while_another_process_commands_it(tmp_path: Path) -> None:
     domain, path = str(own_domain()), tmp_path / "log.mcap"
     with (

@@ -40,6 +40,7 @@ def refused(*faults: str, seed: int = 0, stands: bool = False) -> set[str]:
     return {name for name, passed in checked(wire, stands=stands).items() if not passed}
 
 
+@pytest.mark.sample(5)
 @pytest.mark.parametrize("kind", FOUND_BY)
 def test_each_fault_of_a_hanging_robot_is_found_and_named(kind: str) -> None:
     found = refused(kind)
@@ -62,11 +63,13 @@ def test_every_kind_of_fault_is_looked_for() -> None:
     assert {*FOUND_BY, "offset", "mode"} == {*KINDS}
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("joint", JOINTS[3:])
 def test_a_flipped_joint_is_found_wherever_it_is(joint: str) -> None:
     assert refused(f"sign:{joint}", seed=1) & FOUND_BY["sign"]
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("joint", JOINTS)
 def test_a_zero_that_is_off_is_found_of_a_standing_robot(joint: str) -> None:
     assert refused(f"offset:{joint}", stands=True) & {"legs", "ranges"}
@@ -76,6 +79,7 @@ def test_a_turned_imu_is_found_of_a_standing_robot() -> None:
     assert refused("imu", stands=True) == {"legs"}
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("stands", [False, True], ids=["hangs", "stands"])
 def test_healthy_robots_pass_all_checks(seed: int, stands: bool) -> None:
@@ -98,6 +102,7 @@ def test_states_from_before_are_not_counted() -> None:
     assert all(checked(wire, stands=True).values())
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("kind", ["crc", "battery", "foreign", "imu"])
 def test_a_robot_that_is_refused_at_rest_is_told_nothing(kind: str) -> None:
     wire = Wire(simulated(kind, held=True), ["sport"] if kind == "foreign" else [])

@@ -77,6 +77,7 @@ def test_a_healthy_robot_stands_and_nothing_is_missed() -> None:
     assert run.wire.robot.commands == len(run.wire.sent)
 
 
+@pytest.mark.sample(7)
 @pytest.mark.parametrize("kind", LOSSES)
 @pytest.mark.parametrize("seed", range(4))
 def test_a_lost_robot_is_damped_within_110_ms_at_any_phase(kind: str, seed: int) -> None:

@@ -43,6 +43,7 @@ class Bounding:
             self.wire.tick()
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("seed", range(2))
 def test_a_robot_bounds_ahead_and_stands_again(seed: int) -> None:
     bounding = Bounding(seed=seed)
@@ -61,6 +62,7 @@ def test_a_robot_bounds_ahead_and_stands_again(seed: int) -> None:
     assert 100.0 < bounding.run.peak_power_w < 5000.0
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("seed", range(2))
 def test_a_robot_that_is_lost_in_midair_is_damped(seed: int) -> None:
     start_s = STANDS_S + float(np.random.default_rng(seed).uniform(0.5, 0.8))
@@ -84,21 +86,28 @@ def test_a_robot_is_led_softly_to_its_stand_pose() -> None:
     np.testing.assert_allclose(motors["q"][-1], ROBOT.stand_pose, atol=1e-3)
 
 
-def test_a_robot_beyond_the_limits_of_its_stage_is_named_and_damped() -> None:
-    """Each limit by itself, at what the robot does when it bounds."""
-    for limits, told in (
+@pytest.mark.sample(1)
+@pytest.mark.parametrize(
+    ("limits", "told"),
+    [
         (StageLimits(torque_share=0.5, speed_share=9.0, power_w=1e9), "Nm; this stage allows"),
         (StageLimits(torque_share=9.0, speed_share=0.5, power_w=1e9), "rad/s; this stage allows"),
         (StageLimits(torque_share=9.0, speed_share=9.0, power_w=300.0), "this stage allows 300 W"),
         (STAGES["stand"], "this stage allows"),
-    ):
-        bounding = Bounding(limits=limits)
-        bounding.until(STANDS_S - 0.1)
-        assert not bounding.robot.fault
-        bounding.until(STANDS_S + 0.7)
-        assert told in bounding.robot.fault
-        motors = LOW_COMMAND.read([bounding.wire.sent[-1]])[0]["motor_cmd"][:MOTORS]
-        assert not motors["kp"].any()
+    ],
+    ids=["torque", "speed", "power", "stand"],
+)
+def test_a_robot_beyond_the_limits_of_its_stage_is_named_and_damped(
+    limits: StageLimits, told: str
+) -> None:
+    """Each limit by itself, at what the robot does when it bounds."""
+    bounding = Bounding(limits=limits)
+    bounding.until(STANDS_S - 0.1)
+    assert not bounding.robot.fault
+    bounding.until(STANDS_S + 0.7)
+    assert told in bounding.robot.fault
+    motors = LOW_COMMAND.read([bounding.wire.sent[-1]])[0]["motor_cmd"][:MOTORS]
+    assert not motors["kp"].any()
 
 
 def sine(speed_share: float = 1.0) -> Experiment:
@@ -148,6 +157,7 @@ def test_a_motion_or_a_robot_outside_of_its_limits_is_refused() -> None:
         held_experiment("heave_and_pitch")
 
 
+@pytest.mark.slow
 def test_the_command_stands_a_robot_in_another_process() -> None:
     where = ("--domain", str(own_domain()), "--pace", "lockstep")
     with (
@@ -159,6 +169,7 @@ def test_the_command_stands_a_robot_in_another_process() -> None:
     assert told.startswith("STAND after 5.7 s; 0 of ")
 
 
+@pytest.mark.slow
 def test_the_command_refuses_a_robot_that_another_program_commands() -> None:
     where = ("--domain", str(own_domain()), "--speed", "0.2")
     with simulated(own_domain(), "--speed", "0.2", "--fault", "foreign") as robot:

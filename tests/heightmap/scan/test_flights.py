@@ -28,6 +28,7 @@ def surface_distance(ground, points, raster_m):
     return torch.maximum(around.amin(0) - z, z - around.amax(0)).clamp(min=0.0)
 
 
+@pytest.mark.sample(5)
 @pytest.mark.parametrize("family", FAMILIES)
 def test_rays_end_on_the_ground_within_5_mm(fly, draws, family):
     flight, settings = fly(families=(family,))
@@ -120,6 +121,7 @@ def test_redrawing_some_robots_leaves_the_others(fly, draws):
     torch.testing.assert_close(flight.motion.position[[0, 3]], other.motion.position)
 
 
+@pytest.mark.sample(5)
 @pytest.mark.parametrize("family", FAMILIES)
 def test_standing_feet_touch_the_ground(fly, family):
     flight, settings = fly(3, families=(family,), gaits=("walk", "trot", "bound"), feet=1.0)

@@ -46,6 +46,7 @@ def test_a_training_that_was_interrupted_is_as_one_that_was_not(small, tmp_path)
         torch.testing.assert_close(one, other, rtol=0.0, atol=0.0)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("spoiled", [-40.0, 400.0, float("nan")])
 def test_a_training_that_goes_astray_returns_to_weights_of_before_and_learns_more_slowly(
     small, spoiled
@@ -66,6 +67,7 @@ def test_a_training_that_goes_astray_returns_to_weights_of_before_and_learns_mor
     assert trainer.round(*shares).rate == pytest.approx(SLOWER * sound.rate)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("size", [1e3, float("inf"), float("nan")])
 def test_a_burst_moves_weights_by_no_more_than_usual(small, monkeypatch, size):
     """One gradient in seven is of another size, or none:
@@ -175,6 +177,7 @@ def test_a_larger_network_begins_as_the_one_it_starts_with(small, tmp_path):
     torch.testing.assert_close(one[1], other[1])
 
 
+@pytest.mark.sample(1)
 @NETWORKS
 def test_every_network_learns(small, tmp_path, changes):
     settings = replace(small, network=replace(small.network, **changes))
@@ -216,6 +219,7 @@ def test_half_widths_have_a_slope_at_their_limit(small):
     assert (bias.grad[width] > 0.0).all()
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("frame", [False, True], ids=["with a map", "by image"])
 def test_every_method_is_scored_on_every_group(small, tmp_path, frame):
     small = replace(small, network=replace(small.network, memory=not frame, frame=frame))
