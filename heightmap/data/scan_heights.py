@@ -1,7 +1,9 @@
 """Heights that the scan's service of each robot of a loop would give on the grid of its planner."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +23,7 @@ from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled
 from saltus.setup import Setup
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates, state_message
-from saltus.wire.messages import ControllerMode, DepthFrame, Heightmap
+from saltus.wire.messages import ControllerMode, DepthFrame, Heightmap, RobotState
 
 _NS = 1_000_000_000
 
@@ -43,8 +45,9 @@ class ScanHeights:
     ) -> None:
         refuse_shift(setups[0].profile.heightmap, "a predictor")
         self._eyes, self._images = robot_cameras(setups, errors, rngs, whole=True)
-        self._grid, self._lens = setups[0].grid, sampled(setups[0].camera)
-        rig = ScanChoice(grid=self._grid).rig(setups[0].robot, setups[0].camera)
+        self._grid, self._camera = setups[0].grid, setups[0].camera
+        self._lens = sampled(self._camera)
+        rig = ScanChoice(grid=self._grid).rig(setups[0].robot, self._camera)
         self._services = [ScanService(network, rig) for _ in setups]
         self._answers: list[Heightmap] = []
         self._half_width = np.zeros((len(setups), self._grid.size))
@@ -55,6 +58,18 @@ class ScanHeights:
 
     def heights(self, states: RobotStates, truth: PlantState, fresh: NDArray[np.bool_]) -> Floats:
         """One step of all services; shape (n, points)."""
+        answers = self.answers(states, truth, fresh)
+        told = [deepened(each.height, each.half_width_90, self._grid) for each in answers]
+        self._half_width = np.array([half_width for _, half_width in told], np.float64)
+        return np.array([height for height, _ in told], np.float64)
+
+    def answers(
+        self, states: RobotStates, truth: PlantState, fresh: NDArray[np.bool_]
+    ) -> list[Heightmap]:
+        """One step of all services: each robot's message, whose heights are the network's own.
+
+        Arguments are those of `heights`.
+        """
         exposed, self._now_s = self._eyes.expose(truth, states.step, fresh), states.time_s
         self.given = None if exposed is None else self._for_model(exposed)
         arrived, now_ns = self._images.step(exposed, states.time_s, fresh), _ns(states.time_s)
@@ -68,9 +83,7 @@ class ScanHeights:
             self._answers.append(
                 service.step(state, self._frame(i) if arrived[i] else None, now_ns)
             )
-        told = [deepened(each.height, each.half_width_90, self._grid) for each in self._answers]
-        self._half_width = np.array([half_width for _, half_width in told], np.float64)
-        return np.array([height for height, _ in told], np.float64)
+        return self._answers
 
     def _for_model(self, images: DepthImage) -> DepthImage:
         """The same images as the model of the line sees them."""
@@ -81,10 +94,10 @@ class ScanHeights:
         )
 
     def _frame(self, robot: int) -> DepthFrame:
-        """The image that a robot has in hand; numbered by when it was taken."""
+        """The image that a robot has in hand; numbered as its camera counts them."""
         taken = self._images.in_hand
         time_ns = _ns(float(taken.time_s[robot]))
-        number = round(time_ns / _NS / POLICY_DT)
+        number = int(self._camera.taken_by(round(time_ns / _NS / POLICY_DT))) - 1
         return depth_frame(self._lens, taken.depth[robot], time_ns=time_ns, frame_id=number)
 
     @property
@@ -96,6 +109,36 @@ class ScanHeights:
     def captured_s(self) -> Floats:
         """Capture time of the image in use of each robot [s], shape (n,); minus infinity before the first."""
         return self._now_s - np.array([answer.depth_age_s for answer in self._answers])
+
+
+class ScanSight:
+    """The heights of one robot by its camera and the scan's service, as the process sends them."""
+
+    def __init__(self, network: ScanNetwork, setup: Setup) -> None:
+        self._service, self._fresh = ScanHeights(network, [setup]), np.ones(1, np.bool_)
+
+    def __call__(self, state: RobotState, truth: PlantState) -> Heightmap:
+        """The message that answers a state; to be asked for at every policy step."""
+        known: dict[str, Any] = {
+            f.name: np.asarray(getattr(state, f.name))[None] for f in fields(RobotStates)
+        }
+        states = RobotStates(**known | {"step": state.step})
+        place = PlantState(**{name: np.asarray(value)[None] for name, value in vars(truth).items()})
+        fresh, self._fresh = self._fresh, np.zeros(1, np.bool_)
+        (answer,) = self._service.answers(states, place, fresh)
+        return answer
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScanSightFactory:
+    """Makes `ScanSight` for a setup; can be sent to another process."""
+
+    model: Path
+    """ONNX file of the scan's network."""
+
+    def __call__(self, setup: Setup) -> ScanSight:
+        """Loads the network; `ModelError` where it cannot."""
+        return ScanSight(ScanNetwork(self.model), setup)
 
 
 def _ns(seconds: float) -> int:

@@ -4,16 +4,14 @@ The action is the mean one, and all draws are those of the training: bodies, pus
 errors of heights unless they are asked to be true.
 """
 
-import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
-from saltus.arrays import Floats
 from saltus.config import from_toml
+from saltus.policy.evaluation.tracking import tracking_errors
 from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.walking.description import POLICY_HZ
 from saltus.policy.walking.env import TALLY, WalkEnv
@@ -93,7 +91,9 @@ def evaluate(
         failed = transition.done & ~transition.timed_out
         ends += [int(transition.done.sum()), int(failed.sum())]
     way = dict(zip(TALLY, env.tally[0].tolist(), strict=True))
-    ahead, aside, turn = tracking_errors(np.array(errors), np.array(fresh))
+    ahead, aside, turn = tracking_errors(
+        np.array(errors), np.array(fresh), stride=STRIDE, settling=SETTLING
+    )
     return WalkScore(
         ground=ground, level=level, episodes=int(ends[0]), falls=int(ends[1]),
         walked_s=robots * seconds, ahead_mps=ahead, aside_mps=aside, turn_rps=turn,
@@ -104,27 +104,6 @@ def evaluate(
 def trained_with(policy: JointPolicy) -> WalkTrainConfig:
     """Configuration of the training that a policy came from; `ModelError` of somebody else's."""
     return from_toml(WalkTrainConfig, policy.file.field("config"))
-
-
-def tracking_errors(error: Floats, fresh: NDArray[np.bool_]) -> list[float]:
-    """Mean absolute errors of velocities, averaged at each step over the last `STRIDE` ones.
-
-    The first `SETTLING` steps after a start or another command are left out.
-
-    Args:
-        error: Velocity less its command, ahead and aside [m/s] and turn [rad/s], shape (steps, n, 3).
-        fresh: Where a robot began, or got another command, with that step, shape (steps, n).
-
-    Returns:
-        Ahead, aside, turn; NaN where no robot kept its command for SETTLING + STRIDE steps.
-    """
-    kept, since = [], np.zeros(fresh.shape[1], dtype=np.int64)
-    for step in range(len(error)):
-        since = np.where(fresh[step], 0, since + 1)
-        long = since >= SETTLING + STRIDE
-        kept.append(np.abs(error[max(0, step - STRIDE + 1) : step + 1].mean(axis=0))[long])
-    found = np.concatenate(kept)
-    return found.mean(axis=0).tolist() if len(found) else [math.nan] * 3
 
 
 def _on(config: WalkConfig, ground: str, exact: bool) -> WalkConfig:

@@ -10,6 +10,7 @@ import tyro
 
 from saltus.cli.output import JsonOption, run_directory, table_lines
 from saltus.cli.policy_train import Train
+from saltus.cli.policy_walk import Trials
 from saltus.cli.run_options import (
     CourseOptions,
     HardwareOptions,
@@ -189,10 +190,10 @@ class WalkTrain(command.Train):  # noqa: D101 - that of the training below
 
 @dataclass(frozen=True, kw_only=True)
 class Walk(CommandGroup):
-    """Policies that walk on velocity commands: train, export, eval."""
+    """Policies that walk on velocity commands: train, export, eval, trials."""
 
     command: Subcommands[
-        Annotated[WalkTrain, tyro.conf.subcommand("train")] | command.Export | command.Eval
+        Annotated[WalkTrain, tyro.conf.subcommand("train")] | command.Export | command.Eval | Trials
     ]
 
 

@@ -15,6 +15,10 @@ from saltus.setup import Setup
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates
 from saltus.terrain.stack import TerrainStack
+from saltus.wire.messages import Heightmap, HeightmapStatus
+
+TRUE_MODEL = "true"
+"""Name of a model in the messages of heights that come from no network but are the ground itself."""
 
 
 class HeightSource(Protocol):
@@ -54,6 +58,33 @@ def true_heights(
     """
     _, _, yaw = roll_pitch_yaw(rotation_matrix(quaternion))
     return ground.height_at(*grid.points_in_world(position, yaw, ahead)) - position[..., 2:]
+
+
+def true_heightmap(
+    ground: Ground,
+    grid: HeightGrid,
+    position: Floats,
+    quaternion: Floats,
+    *,
+    time_ns: int,
+    step: int,
+) -> Heightmap:
+    """The message of a service that knows the ground, of one robot: heights as they are, sure, and new.
+
+    Args:
+        ground: Its terrain.
+        grid: Points of the heights.
+        position: Of the base in the world [m], shape (3,).
+        quaternion: Base to world, shape (4,).
+        time_ns: Of the state that is answered.
+        step: The same.
+    """
+    return Heightmap(
+        time_ns=time_ns, step=step, x=np.array(grid.x), y=np.array(grid.y),
+        height=np.asarray(true_heights(ground, position, quaternion, grid)),
+        half_width_90=np.zeros(grid.size), status=HeightmapStatus.OK, depth_age_s=0.0,
+        frame_id=step, model_id=TRUE_MODEL, seen_share=1.0, age_s=np.zeros(grid.size),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -10,6 +10,7 @@ from samples import ROBOT
 from saltus.dialects import dialect_of
 from saltus.grid import SCAN
 from saltus.policy.env.settings import LearningConfig
+from saltus.policy.evaluation.tracking import tracking_errors
 from saltus.policy.joints.description import PolicyDescription
 from saltus.policy.joints.observation import Observer, Sensed, gravity_in_base
 from saltus.policy.joints.policy import JointPolicy
@@ -18,7 +19,7 @@ from saltus.policy.walking import commands
 from saltus.policy.walking.commands import draw_command, followed, in_command_frame
 from saltus.policy.walking.description import LAYOUT, SIZE, description_of, walking_pose
 from saltus.policy.walking.env import PRIVILEGED, WalkEnv
-from saltus.policy.walking.evaluation import SETTLING, STRIDE, evaluate, tracking_errors
+from saltus.policy.walking.evaluation import SETTLING, STRIDE, evaluate
 from saltus.policy.walking.export import DeployedWalk
 from saltus.policy.walking.ground import Ground
 from saltus.policy.walking.rewards import TERMS, RewardInputs, reward_terms
@@ -395,7 +396,7 @@ def test_errors_are_averaged_over_a_stride_and_not_counted_after_a_change():
     sway = np.where(np.arange(steps) % 2 == 0, 1.0, -1.0)
     error = np.stack([0.2 + sway, 0.0 * sway, 0.1 + 0.0 * sway], -1)[:, None]
     fresh = np.zeros((steps, 1), dtype=bool)
-    ahead, aside, turn = tracking_errors(error, fresh)
+    ahead, aside, turn = tracking_errors(error, fresh, stride=STRIDE, settling=SETTLING)
     assert (ahead, aside, turn) == (pytest.approx(0.2, abs=0.05), 0.0, pytest.approx(0.1))
     fresh[::10] = True
-    assert np.isnan(tracking_errors(error, fresh)).all()
+    assert np.isnan(tracking_errors(error, fresh, stride=STRIDE, settling=SETTLING)).all()

@@ -1,0 +1,93 @@
+"""Walks of one robot in one process: the deployed control loop and planner, without the bus."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import count
+
+from saltus.constants import PHYSICS_DT, POLICY_STEPS
+from saltus.controller.loop import ControlLoop
+from saltus.controller.robot.mujoco import MujocoRobot
+from saltus.controller.tick import Tick
+from saltus.drive.wish import Wish
+from saltus.loop.heights import true_heightmap
+from saltus.policy.mover import Mover
+from saltus.policy.process import PlannerProcess
+from saltus.setup import Setup
+from saltus.sim.state import PlantState
+from saltus.wire.messages import AnyPlan, ControllerMode, Heightmap, RobotState
+
+TICK_NS = round(1e9 * PHYSICS_DT)
+STEP_NS = TICK_NS * POLICY_STEPS
+
+Sight = Callable[[RobotState, PlantState], Heightmap]
+"""Tells the heights of a state of one robot, which is asked for once a policy step."""
+SightFactory = Callable[[Setup], Sight]
+"""Makes it; can be sent to another process."""
+Operator = Callable[[float, PlantState], Wish]
+"""Commands a robot that it sees: by the time of the run [s] and the robot's true state."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WalkStep:
+    """One policy step, 10 ms: what held at its start and was asked then, and what came of it."""
+
+    time_s: float
+    """Since the start of the run."""
+    truth: PlantState
+    wish: Wish
+    mode: ControllerMode
+    """Mode of the controller at the start of the step."""
+    touched: bool
+    """The trunk touched the ground during the step."""
+
+
+class TrueSight:
+    """Heights as they are; see `Sight`."""
+
+    def __init__(self, setup: Setup) -> None:
+        self._setup = setup
+
+    def __call__(self, state: RobotState, truth: PlantState) -> Heightmap:
+        """The heights on the grid of the setup."""
+        pose = truth.position_base_in_world, truth.quaternion_base_in_world
+        return true_heightmap(
+            self._setup.terrain, self._setup.grid, *pose, time_ns=state.time_ns, step=state.step
+        )
+
+
+def walk(
+    setup: Setup, movers: Sequence[Mover], sight: Sight, operator: Operator, tick: Tick
+) -> Iterator[WalkStep]:
+    """Runs a robot step by step, for as long as it is asked to.
+
+    Args:
+        setup: Of the robot; its grid is that of `sight` and of the movers.
+        movers: Of the planner, the first begins.
+        sight: Tells the heights.
+        operator: Commands at each step.
+        tick: Laws of the controller; may be used for several robots of this kind.
+    """
+    robot, loop = MujocoRobot(setup, compiled=True), ControlLoop(setup.robot, tick)
+    process = PlannerProcess(setup.grid, *movers)
+    robot.reset()
+    for step in count():
+        start_ns = step * STEP_NS
+        loop.sense(robot.read())
+        truth, state = robot.state, loop.state(start_ns, step)
+        wish = operator(1e-9 * start_ns, truth)
+        plan = process.step(state, sight(state, truth), start_ns, wish.at(state))
+        _act(robot, loop, plan, start_ns)
+        yield WalkStep(
+            time_s=1e-9 * start_ns, truth=truth, wish=wish, mode=state.mode,
+            touched=robot.take_trunk_contact(),
+        )  # fmt: skip
+
+
+def _act(robot: MujocoRobot, loop: ControlLoop, plan: AnyPlan, start_ns: int) -> None:
+    """Five ticks; the robot has been sensed for the first of them."""
+    for tick in range(POLICY_STEPS):
+        if tick:
+            loop.sense(robot.read())
+        age_s = 1e-9 * (start_ns + tick * TICK_NS - plan.time_ns)
+        robot.write(loop.act(plan, age_s))
+    loop.take_joint_log(0, 0)

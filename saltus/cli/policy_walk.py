@@ -1,0 +1,175 @@
+"""`saltus policy walk trials`: a walking policy as it is deployed, on true heights and on predicted ones."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from saltus.cli.output import JsonOption, table_lines
+from saltus.cli.run_options import RobotOption, mounted_camera
+from saltus.config import check_between
+from saltus.errors import ConfigError
+from saltus.flags import shown
+from saltus.grid import WALKING_GRID
+from saltus.robots.loading import load_robot
+from saltus.used_networks import model_id, model_path
+from saltus.workers import check_processes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from saltus.policy.evaluation.walking_trials import Kind
+    from saltus.policy.evaluation.walks import SightFactory
+
+    Table = dict[tuple[str, Kind, str], dict[str, Any]]
+
+BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
+ALL = ("plain", "rubble", "stairs", "irregular", "stones", "ramps", "hurdles")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trials(RobotOption, JsonOption):
+    """Trials of a walking policy with the deployed planner, controller and heightmap service, without the bus.
+
+    A crossing is 10 m of a ground at 0.5 to 1.0 m/s, drawn by the seed. A drill is six drawn commands
+    of 4 s, a stop from 1.0 m/s, and a turn by 180 degrees on the spot. The operator sees where the
+    robot is.
+
+    For example:
+      saltus policy walk trials --model runs/DATE-policy-walk/walk.onnx --trials 100 --json
+      saltus policy walk trials --model walk.onnx --grounds stairs --drills --heights true
+    """
+
+    model: Path
+    """The policy: an ONNX file, or a TOML file about somebody else's."""
+    grounds: tuple[str, ...] = ALL
+    """Grounds to cross; none by --grounds alone."""
+    drills: tuple[str, ...] = ("plain", "rubble")
+    """Grounds of the drills; none by --drills alone."""
+    heights: tuple[Literal["true", "predicted"], ...] = ("true", "predicted")
+    """true: the terrain as it is. predicted: what the scan's service makes of late depth images."""
+    heightmap_model: Annotated[Path | None, shown("PATH", "the shipped network")] = None
+    """ONNX file of the scan's network."""
+    camera: str = "d435i"
+    """Camera of predicted heights: d435i, ideal, or a TOML file."""
+    profile: str = "shipped"
+    """Effects of the hardware: shipped, ideal, one of your own, or a TOML file."""
+    trials: int = 20
+    """Trials of each ground."""
+    seed: int = 0
+    """Seed of the first trial; the others have SEED + 1, SEED + 2, ..."""
+    processes: Annotated[int | None, shown("INT", "one for each core")] = None
+    """How many run at once. The results do not depend on it."""
+
+    def run(self) -> int:
+        """Runs them; prints a row for each ground and source of heights."""
+        from tqdm import tqdm
+
+        from saltus.policy.evaluation.walking_trials import (
+            WalkTrials,
+            crossing_row,
+            drill_row,
+            run_tasks,
+            tasks,
+        )  # fmt: skip
+
+        self._check()
+        seeds = range(self.seed, self.seed + self.trials)
+        trials = WalkTrials(
+            robot=self.robot, grid=WALKING_GRID, model=self.model.resolve(),
+            camera=self.camera, profile=self.profile,
+        )  # fmt: skip
+        kinds: tuple[tuple[Kind, tuple[str, ...], Callable[..., dict[str, Any]]], ...] = (
+            ("cross", self.grounds, crossing_row),
+            ("drill", self.drills, drill_row),
+        )
+        named = [
+            (source, kind, name, task)
+            for source in self.heights
+            for kind, grounds, _ in kinds
+            for name in grounds
+            for task in tasks(kind, [name], self._sight(source), seeds)
+        ]
+        total = self.trials * len(self.heights) * (len(self.grounds) + len(self.drills))
+        with tqdm(total=total, desc="trials", bar_format=BAR, file=sys.stderr) as bar:
+            results = run_tasks(trials, [task for *_, task in named], self.processes, bar.update)
+        found: dict[tuple[str, Kind, str], list[Any]] = {}
+        for (source, kind, name, _), part in zip(named, results, strict=True):
+            found.setdefault((source, kind, name), []).extend(part)
+        rows = {kind: row for kind, _, row in kinds}
+        table = {key: rows[key[1]](value) for key, value in found.items()}
+        print(*_lines(table), sep="\n")
+        self.tell_json(self._told(table))
+        return 0
+
+    def _check(self) -> None:
+        """Says at once what is wrong with a model, a ground or a number."""
+        from saltus.grid import load_grid
+        from saltus.heightmap.scan.predictor import ScanNetwork
+        from saltus.policy.evaluation.walking_grounds import drill_ground, ground
+        from saltus.policy.joints.policy import JointPolicy
+
+        check_between(self, trials=(1, 100_000), seed=(0, 2**32))
+        check_processes(self.processes)
+        if not self.heights or not (self.grounds or self.drills):
+            raise ConfigError("nothing to measure: name a ground or a drill, and true or predicted")
+        for name in self.grounds:
+            ground(name, self.seed)
+        for name in self.drills:
+            drill_ground(name, self.seed)
+        _, robot = mounted_camera(self.camera, load_robot(self.robot))
+        policy = JointPolicy(self.model)
+        policy.refuse_other(robot)
+        load_grid(WALKING_GRID).places_of(policy.description.height_grid())
+        ScanNetwork(model_path("scan", self.heightmap_model))
+
+    def _sight(self, source: str) -> "SightFactory":
+        from saltus.heightmap.data.scan_heights import ScanSightFactory
+        from saltus.policy.evaluation.walks import TrueSight
+
+        if source == "true":
+            return TrueSight
+        return ScanSightFactory(model=model_path("scan", self.heightmap_model).resolve())
+
+    def _told(self, table: "Table") -> dict[str, Any]:
+        paths = {"policy": self.model, "heightmap": model_path("scan", self.heightmap_model)}
+        return {
+            "robot": self.robot, "camera": self.camera, "profile": self.profile,
+            "trials": self.trials, "seed": self.seed,
+            "models": {kind: model_id(path.read_bytes()) for kind, path in paths.items()},
+            "rows": [
+                {"heights": source, "kind": kind, "ground": name, **row}
+                for (source, kind, name), row in table.items()
+            ],
+        }  # fmt: skip
+
+
+def _lines(table: "Table") -> list[str]:
+    """The crossings and the drills, each as a table for people."""
+    crossed = [
+        (
+            f"{name}, {source}",
+            {
+                "crossed": f"{row['successes']} of {row['trials']}",
+                "way [m]": row["distance_m"], "speed / commanded": row["speed_by_commanded"],
+                "failed": ", ".join(f"{n} {cause}" for cause, n in row["failures"].items()),
+            },
+        )
+        for (source, kind, name), row in table.items()
+        if kind == "cross"
+    ]  # fmt: skip
+    drilled = [
+        (
+            f"{name}, {source}",
+            {
+                "fell": f"{sum(row['failures'].values())} of {row['trials']}",
+                "ahead [m/s]": row["ahead_mps"], "aside [m/s]": row["aside_mps"],
+                "turn [rad/s]": row["turn_rps"], "stop [m]": row["stop_m"],
+                "within 1 m": row["stopped_within_1_m"], "180 deg [s]": row["turn_s"],
+                "within 4 s": row["turned_within_4_s"],
+            },
+        )
+        for (source, kind, name), row in table.items()
+        if kind == "drill"
+    ]  # fmt: skip
+    return [*(table_lines(crossed) if crossed else []), *(table_lines(drilled) if drilled else [])]

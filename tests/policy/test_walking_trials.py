@@ -1,0 +1,167 @@
+"""Trials of a walking policy: grounds, what the judge says of a motion, and a robot as it is deployed."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import count, islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from walking_policies import put_policy
+
+from saltus.constants import POLICY_DT
+from saltus.controller.tick import CompiledTick
+from saltus.drive.wish import Wish
+from saltus.errors import ConfigError
+from saltus.policy.evaluation import walking_trials as trials
+from saltus.policy.evaluation.walking_grounds import (
+    DRILL_GROUNDS,
+    FINISH_X,
+    GROUNDS,
+    WIDTH_M,
+    drill_ground,
+    ground,
+)
+from saltus.policy.evaluation.walks import Operator, TrueSight, WalkStep, walk
+from saltus.policy.joints.policy import JointPolicy
+from saltus.policy.joints.walker import Walker
+from saltus.rotations import quaternion_from_roll_pitch_yaw
+from saltus.terrain.terrain import STANCE_M
+from saltus.trial import is_upright
+from saltus.wire.messages import CommandMode, ControllerMode
+
+STEPS = {"stairs": (14, 0.15), "hurdles": (7, 0.15), "irregular": (11, 0.20)}
+
+
+@pytest.mark.parametrize("name", GROUNDS)
+@pytest.mark.parametrize("seed", range(4))
+def test_a_ground_reaches_ten_metres_and_is_as_high_as_said(name: str, seed: int) -> None:
+    terrain = ground(name, seed)
+    x = np.linspace(0.0, FINISH_X + STANCE_M, 500)
+    assert all(terrain.arrays.covers(float(each), 0.0) for each in x)
+    heights = terrain.height_at(x, np.zeros_like(x))
+    assert heights[0] == pytest.approx(0.0, abs=0.01)
+    assert terrain.finish_x == FINISH_X
+    if name in STEPS:
+        steps, rise = STEPS[name]
+        assert np.abs(np.diff(heights)).max() <= rise + 1e-9
+        if name != "hurdles":
+            assert heights.max() <= steps * rise + 1e-9
+    if name == "ramps":
+        slopes = np.abs(np.diff(heights) / np.diff(x))
+        assert np.percentile(slopes, 80) == pytest.approx(math.tan(math.radians(20.0)), rel=0.02)
+
+
+@pytest.mark.parametrize("name", DRILL_GROUNDS)
+def test_robots_that_leave_the_field_of_a_drill_do_not_fall(name: str) -> None:
+    terrain, rng = drill_ground(name, 3), np.random.default_rng(0)
+    for x, y in rng.uniform((-8.0, -12.0), (18.0, 12.0), (200, 2)):
+        assert terrain.arrays.covers(float(x), float(y))
+
+
+def test_unknown_grounds_are_refused() -> None:
+    with pytest.raises(ConfigError, match="no ground 'stair'"):
+        ground("stair", 0)
+    with pytest.raises(ConfigError, match="no ground for drills 'stairs'"):
+        drill_ground("stairs", 0)
+
+
+class Kinematic:
+    """A robot that does exactly what it is told, with an error, from when it has got up."""
+
+    def __init__(self, tmp_path: Path, error: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
+        model = put_policy(tmp_path / "walk.onnx")
+        setup = trials.WalkTrials(robot="go1", grid="scan", model=model).setup(
+            ground("plain", 0), 0
+        )
+        walker = Walker(setup.robot, JointPolicy(model))
+        steps = walk(
+            setup, [walker], TrueSight(setup), lambda *_: Wish(), CompiledTick(setup.robot)
+        )
+        self._truth, self._error = next(steps).truth, np.array(error)
+
+    def run(self, operator: Operator, **changes: Any) -> Iterator[WalkStep]:
+        """Its motion."""
+        x = y = yaw = 0.0
+        for step in count():
+            time_s = step * POLICY_DT
+            truth = replace(
+                self._truth,
+                position_base_in_world=np.array([x, y, 0.3]),
+                quaternion_base_in_world=quaternion_from_roll_pitch_yaw(*np.array([0.0, 0.0, yaw])),
+            )
+            wish = operator(time_s, truth)
+            walks = wish.mode == CommandMode.WALK and time_s >= trials.BEGINS_S
+            asked = np.array([wish.ahead_mps, wish.left_mps, wish.turn_rps])
+            ahead, left, turn = (asked + self._error) * walks
+            cos, sin = math.cos(yaw), math.sin(yaw)
+            velocity = np.array([cos * ahead - sin * left, sin * ahead + cos * left, 0.0])
+            truth = replace(
+                truth,
+                velocity_base_in_world=velocity,
+                angular_velocity_base=np.array([0.0, 0.0, turn]),
+            )
+            given: dict[str, Any] = {
+                "mode": ControllerMode.WALK if walks else ControllerMode.STAND,
+                "touched": False,
+            }
+            yield WalkStep(time_s=time_s, truth=truth, wish=wish, **given | changes)
+            x, y = x + POLICY_DT * velocity[0], y + POLICY_DT * velocity[1]
+            yaw += POLICY_DT * turn
+
+
+def test_who_does_what_it_is_told_crosses_and_errors_are_those_made(tmp_path: Path) -> None:
+    obedient, error = Kinematic(tmp_path), (0.05, -0.03, 0.06)
+    crossed = trials.cross(obedient.run, 4)
+    assert (crossed.cause, crossed.distance_m) == ("", pytest.approx(FINISH_X, abs=0.02))
+    assert crossed.time_s * crossed.speed_mps == pytest.approx(FINISH_X, abs=0.05)
+    drilled = trials.drill(obedient.run, 4)
+    assert drilled.errors == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+    assert (drilled.stop_m, drilled.stop_s) == pytest.approx((0.0, 0.0), abs=0.02)
+    assert drilled.turn_s == pytest.approx(math.pi, abs=0.02)
+    worse = trials.drill(Kinematic(tmp_path, error).run, 4)
+    assert worse.errors == pytest.approx(np.abs(error), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "cause"),
+    [
+        ({"touched": True}, "trunk_contact"),
+        ({"mode": ControllerMode.STOPPED}, "stopped"),
+        ({"mode": ControllerMode.DAMP}, "stopped"),
+    ],
+)
+def test_a_robot_that_cannot_go_on_has_failed(
+    tmp_path: Path, change: dict[str, Any], cause: str
+) -> None:
+    robot = Kinematic(tmp_path)
+    for judge in (trials.cross, trials.drill):
+        assert judge(lambda operator: robot.run(operator, **change), 0).cause == cause
+
+
+def test_who_drifts_off_or_does_not_come_is_told_apart(tmp_path: Path) -> None:
+    assert trials.cross(Kinematic(tmp_path, (0.0, 1.5, 0.0)).run, 0).cause == "left"
+    assert trials.cross(Kinematic(tmp_path, (-0.5, 0.0, 0.0)).run, 0).cause == "time_limit"
+    assert WIDTH_M > 2.0
+
+
+def test_a_robot_as_it_is_deployed_gets_up_and_holds_its_pose(tmp_path: Path) -> None:
+    settings = trials.WalkTrials(robot="go1", grid="scan", model=put_policy(tmp_path / "w.onnx"))
+    setup = settings.setup(ground("rubble", 1), 1)
+    walker = Walker(setup.robot, JointPolicy(settings.model))
+    told = Wish(mode=CommandMode.WALK)
+    steps = list(
+        islice(
+            walk(setup, [walker], TrueSight(setup), lambda *_: told, CompiledTick(setup.robot)),
+            200,
+        )
+    )
+    modes = [step.mode for step in steps]
+    assert modes[100:] == [modes[100], *[ControllerMode.WALK] * 99]
+    assert set(modes[:100]) == {ControllerMode.STAND}
+    heights = [step.truth.position_base_in_world[2] for step in steps]
+    assert 0.2 < min(heights) < max(heights) < 0.35
+    assert all(is_upright(step.truth.quaternion_base_in_world) for step in steps)
+    assert not any(step.touched for step in steps)
