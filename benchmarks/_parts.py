@@ -114,7 +114,10 @@ def _other_threads_s() -> float:
 def metered(programs: tuple[Program, ...], folder: Path) -> Iterator[tuple[Program, ...]]:
     """The programs with timed functions; each leaves its figures in the folder when it ends."""
     for program in programs:
-        text = f"from benchmarks._parts import run_timed\n\nrun_timed({program.name!r}, {program.module!r})\n"
+        text = (
+            f"from benchmarks._parts import run_timed\n\nrun_timed({program.name!r}, "
+            f"{program.module!r})\n"
+        )
         (folder / f"timed_{program.name}.py").write_text(text, encoding="utf-8")
     paths = (
         str(folder),

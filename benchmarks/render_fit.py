@@ -52,7 +52,10 @@ class Benchmark(Command):
         off = ", ".join(
             f"{n} {'untestable' if e is None else f'{100 * e:+.1f} %'}" for n, e in found.items()
         )
-        true = f"{1e3 * hidden.baseline_m:.1f} mm, {hidden.sigma_px:.3f} px, 1/{1 / hidden.step_px:.0f} px"
+        true = (
+            f"{1e3 * hidden.baseline_m:.1f} mm, {hidden.sigma_px:.3f} px, "
+            f"1/{1 / hidden.step_px:.0f} px"
+        )
         tell(f"camera {index:2} ({true}): {off}")
         return found
 

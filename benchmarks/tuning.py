@@ -43,7 +43,8 @@ class Benchmark(Command):
     def measure(self) -> dict[str, Any]:
         ways = {"without": False, "with": True}
         return {
-            "switch_soon: age of a message that is dated beside a thread that computes, median [ms]": {
+            "switch_soon: age of a message that is dated beside a thread that computes, "
+            "median [ms]": {
                 way: round(_in_a_process(_late_ms, self.messages, 200.0, tuned), 2)
                 for way, tuned in ways.items()
             },

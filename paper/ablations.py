@@ -164,7 +164,8 @@ def check_weights(name: str, trained: Path, known: Sequence[Places | None]) -> N
         missing = [path for path in files if not (there or path.exists())]
         if missing:
             raise SaltusError(
-                f"the weights {missing[0]} are not kept here: {training.BRING_BACK}, or train them again"
+                f"the weights {missing[0]} are not kept here: {training.BRING_BACK}, "
+                "or train them again"
             )
 
 

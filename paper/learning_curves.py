@@ -74,8 +74,8 @@ def learning_curves(_: Effort, trained: Path) -> Made:
     }
     configuration = {
         "band": "least to greatest of the seeds; line: mean",
-        "networks": "least seed; mean error in the last but one tenth of a training, and in the last: "
-        + ", ".join(title for title, _ in _NETWORKS.values()),
+        "networks": "least seed; mean error in the last but one tenth of a training, "
+        "and in the last: " + ", ".join(title for title, _ in _NETWORKS.values()),
         "trainings": {FULL: trainings_of(FULL, trained)},
     }
     return Made(numbers=numbers, figure=figure, configuration=configuration)

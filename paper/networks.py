@@ -115,8 +115,8 @@ def train_network(
     teachers = _trained_policies(trained) or _trained_policies(training.PUBLISHED_TRAININGS)
     if not teachers:
         raise SaltusError(
-            f"no policy of {training.FULL} in {trained}: saltus paper train {training.FULL} --seed 0 makes one, or "
-            f"{training.BRING_BACK}"
+            f"no policy of {training.FULL} in {trained}: saltus paper train {training.FULL} --seed "
+            f"0 makes one, or {training.BRING_BACK}"
         )
     work = _Work(data=trained / "data" / f"seed-{seed}", own=trained / name / f"seed-{seed}", seed=seed,
                  teacher=teachers[0], commit=commit, effort=effort or NetworkEffort())  # fmt: skip
@@ -126,7 +126,8 @@ def train_network(
         return _rounds(work)
     if len(read_manifest(work.data)) < training.ROUNDS:
         raise SaltusError(
-            f"{work.data} lacks rounds: saltus paper train {training.PREDICTOR} --seed {seed} makes them"
+            f"{work.data} lacks rounds: saltus paper train {training.PREDICTOR} --seed "
+            f"{seed} makes them"
         )
     settings = work.settings(training.ROUNDS)
     if name == training.NO_LATENCY:

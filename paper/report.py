@@ -131,7 +131,10 @@ def _provenance(row: Row, result: dict[str, Any]) -> str:
             f"{system} {' '.join(known['policy'] for known in seeds)}"
             for system, seeds in trainings.items()
         )
-        return f"{row.trial}; policies {ran}; drawn by commit {result['commit']}; saltus paper {row.name}"
+        return (
+            f"{row.trial}; policies {ran}; drawn by commit {result['commit']}; "
+            f"saltus paper {row.name}"
+        )
     models = ", ".join(f"{kind} {name}" for kind, name in result["models"].items())
     seeds = f"seeds {result['seeds'][0]} to {result['seeds'][1]}"
     how = f"{row.trial}; " if row.trial else ""

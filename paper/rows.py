@@ -81,8 +81,10 @@ def _on_stairs(system: str, simulation: str, robot: str) -> tuple[Number, Number
 ROWS: tuple[Row, ...] = (
     Row(
         name="terrains", where="Fig. 3", make="motion.terrains",
-        shows="Training has four kinds of terrain, stairs, stepping stones, one step, one gap, from easy to hard.",
-        differs="The paper shows pictures without sizes: how sizes grow with difficulty is our choice.",
+        shows="Training has four kinds of terrain, stairs, stepping stones, one step, one gap, "
+              "from easy to hard.",
+        differs="The paper shows pictures without sizes: "
+                "how sizes grow with difficulty is our choice.",
     ),
     Row(
         name="gait", where="Fig. 4", make="motion.gait", trial=_SIMULATED,
@@ -90,8 +92,10 @@ ROWS: tuple[Row, ...] = (
     ),
     Row(
         name="tracking", where="Fig. 5", make="motion.tracking", trial=_SIMULATED,
-        shows="Feedback on joint velocities makes the body follow the angular velocity that is asked for.",
-        differs="The paper shows curves without an error; ours are of the learned policy on 14 stairs.",
+        shows="Feedback on joint velocities makes the body follow the angular velocity "
+              "that is asked for.",
+        differs="The paper shows curves without an error; "
+                "ours are of the learned policy on 14 stairs.",
     ),
     Row(
         name="torque-saturation", where="Fig. 6a", make="sysid.torque_saturation",
@@ -103,7 +107,8 @@ ROWS: tuple[Row, ...] = (
                 source="hardware test", ours="delivered_at_35_nm.found", unit="Nm",
             ),
         ),
-        trial="ours: that table hidden in a simulated robot and found in its log, not measured again",
+        trial="ours: that table hidden in a simulated robot and found in its log, "
+              "not measured again",
     ),
     Row(
         name="camera-latency", where="Fig. 6b", make="sysid.camera_latency",
@@ -117,7 +122,8 @@ ROWS: tuple[Row, ...] = (
     ),
     Row(
         name="performance", where="Table I", make="motion.performance", trial=_SIMULATED,
-        shows="One framework is the fastest on stairs and stones and equals the best on one step and one gap.",
+        shows="One framework is the fastest on stairs and stones and equals the best on one "
+              "step and one gap.",
         numbers=(
             Number(what="stairs, greatest speed", paper="1 m/s", source="real robot", ours="stairs.speed_mps.most",
                    unit="m/s"),
@@ -125,11 +131,15 @@ ROWS: tuple[Row, ...] = (
                    ours="stepping stones.speed_mps.most", unit="m/s"),
             Number(what="successes on a step of 0.60 m", paper="its highest", source="real robot", ours="step.success"),
             Number(what="successes on a gap of 0.80 m", paper="its widest", source="real robot", ours="gap.success"),
-            Number(what="stairs, walking (Egocentric Vision, A1)", paper="0.46 m/s", source="other robots"),
-            Number(what="step, gap (Robot Parkour, A1)", paper="0.4 m, 0.6 m", source="other robots"),
-            Number(what="step, gap (Extreme Parkour, A1)", paper="0.5 m, 0.8 m", source="other robots"),
+            Number(what="stairs, walking (Egocentric Vision, A1)", paper="0.46 m/s", source="other "
+                                                                                            "robots"),
+            Number(what="step, gap (Robot Parkour, A1)", paper="0.4 m, 0.6 m", source="other "
+                                                                                      "robots"),
+            Number(what="step, gap (Extreme Parkour, A1)", paper="0.5 m, 0.8 m", source="other "
+                                                                                        "robots"),
         ),
-        differs="Ours is faster; the paper does not say what bounds its robot's speed, so why cannot be told.",
+        differs="Ours is faster; the paper does not say what bounds its robot's speed, "
+                "so why cannot be told.",
     ),
     Row(
         name="staircase", where="Sec. VIII-B, Fig. 1a", make="motion.staircase", trial=_SIMULATED,
@@ -142,7 +152,8 @@ ROWS: tuple[Row, ...] = (
                    unit="m/s"),
             Number(what="jumps", paper="8", source="real robot", ours="jumps.median"),
         ),
-        differs="Ours is quicker. Its jumps are landings of the front feet; what the paper counts it does not say.",
+        differs="Ours is quicker. Its jumps are landings of the front feet; "
+                "what the paper counts it does not say.",
     ),
     Row(
         name="stones", where="Sec. VIII-B, Fig. 1b", make="motion.stones", trial=_SIMULATED,
@@ -151,7 +162,8 @@ ROWS: tuple[Row, ...] = (
             Number(what="time", paper="less than 2 s", source="real robot", ours="time_over_it_s.median", unit="s"),
             Number(what="jumps", paper="one a gap", source="real robot", ours="jumps.median"),
         ),
-        differs="The paper does not say how long its course is; ours is 6.9 m: stones of 0.5 m, gaps of 0.1 to 0.5 m.",
+        differs="The paper does not say how long its course is; ours is 6.9 m: stones of 0.5 m, "
+                "gaps of 0.1 to 0.5 m.",
     ),
     Row(
         name="walking", where="Sec. VIII-B, Table I", needs="cited only",
@@ -162,26 +174,30 @@ ROWS: tuple[Row, ...] = (
     Row(
         name="generalisation", where="Sec. VIII-B, Fig. 1c", make="motion.generalisation",
         trial=_SIMULATED,
-        shows="Four places with ground not seen in training; all go well but stairs of separate planks.",
+        shows="Four places with ground not seen in training; "
+              "all go well but stairs of separate planks.",
         numbers=(
             Number(what="stairs of planks", paper="20 %", source="real robot",
                    ours="stairs of planks.success"),
             Number(what="three other places", paper="100 %", source="real robot",
                    ours="stairs with noses.success"),
         ),
-        differs="The paper's places are known from pictures only; ours are in no training. Planks fail with true "
-        "heights, too: the policy is at fault as well. Stairs with noses fail mostly because of "
-        "predicted heights. In "
+        differs="The paper's places are known from pictures only; ours are in no training. Planks "
+        "fail with true heights, too: the policy is at fault as well. Stairs with noses fail "
+        "mostly because of predicted heights. In "
         "the row of four most robots with true heights fail: its gaps are deeper than in training.",
     ),
     Row(
         name="step-and-gap", where="Fig. 7", make="edges.step_and_gap", trial=_SIMULATED,
-        shows="A step of 0.60 m and a gap of 0.80 m: key frames, and predicted heights that fit the ground.",
+        shows="A step of 0.60 m and a gap of 0.80 m: key frames, "
+              "and predicted heights that fit the ground.",
     ),
     Row(
         name="gap-footsteps", where="Fig. 8", make="edges.gap_footsteps", trial=_SIMULATED,
-        shows="Feet are placed by the gap: narrow ones are crossed at once, at wide ones the robot lands once more.",
-        differs="Ours crosses all of them in one jump, and bounds once more before it only where its start is far off.",
+        shows="Feet are placed by the gap: narrow ones are crossed at once, "
+              "at wide ones the robot lands once more.",
+        differs="Ours crosses all of them in one jump, and bounds once more before it only where "
+                "its start is far off.",
     ),
     Row(
         name="step-pitch", where="Fig. 9", make="edges.step_pitch", trial=_SIMULATED,
@@ -198,18 +214,18 @@ ROWS: tuple[Row, ...] = (
         name="full-system", where="Fig. 10", needs=ABLATION, trial=_TRAINED,
         shows="The full system completes 14 stairs in simulation and on the robot.",
         numbers=_on_stairs("full-system", "all", "all"),
-        differs="The stand-in for the robot is harder than the paper's robot was: its drives are weak and its joints "
-        "have friction. Each of its ten effects alone fails few trials, all together two of three "
-        "(docs/paper.md).",
+        differs="The stand-in for the robot is harder than the paper's robot was: its drives are "
+        "weak and its joints have friction. Each of its ten effects alone fails few trials, all "
+        "together two of three (docs/paper.md).",
     ),
     Row(
         name="no-height-randomisation", where="Fig. 10, Sec. VIII-E", needs=ABLATION,
         trial=_TRAINED,
         shows="Trained on exact heights, the policy fails on predicted ones already in simulation.",
         numbers=_on_stairs("no-height-randomisation", "not all", "not all"),
-        differs="Two seeds of three fail in simulation, in four trials of ten. On the stand-in they do better than "
-        "the full system's: there the power of the drives decides. Where these are not weak, they "
-        "do worse, as in the "
+        differs="Two seeds of three fail in simulation, in four trials of ten. On the stand-in "
+        "they do better than the full system's: there the power of the drives decides. Where these "
+        "are not weak, they do worse, as in the "
         "paper (docs/paper.md).",
     ),
     Row(
@@ -219,11 +235,12 @@ ROWS: tuple[Row, ...] = (
     ),
     Row(
         name="no-tracking-reward", where="Fig. 10, Sec. VIII-E", needs=ABLATION, trial=_TRAINED,
-        shows="Without the controller's cost in the reward: well in simulation, some steps and a fall on the robot.",
+        shows="Without the controller's cost in the reward: well in simulation, some steps and a "
+              "fall on the robot.",
         numbers=_on_stairs("no-tracking-reward", "all", "a few"),
-        differs="On the stand-in no loss can be shown: 91 of 300 succeed, and 107 of the full system, and "
-        "from seed to seed there is more; the power of the drives decides there. Where these are "
-        "not weak, it does "
+        differs="On the stand-in no loss can be shown: 91 of 300 succeed, and 107 of the full "
+        "system, and from seed to seed there is more; the power of the drives decides there. Where "
+        "these are not weak, it does "
         "worse, as in the paper (docs/paper.md).",
     ),
     Row(
@@ -234,12 +251,13 @@ ROWS: tuple[Row, ...] = (
     Row(
         name="no-latency", where="Sec. VII, VIII-E", needs=ABLATION, trial=_SEEING,
         shows="Half of the paper's 'No SysID': images without delay in training.",
-        differs="The paper does not show this half alone. Heights that are predicted as if images were new belong to "
-        "where the robot was 50 ms before.",
+        differs="The paper does not show this half alone. Heights that are predicted as if images "
+        "were new belong to where the robot was 50 ms before.",
     ),
     Row(
         name="no-sysid", where="Fig. 10, Sec. VIII-E", needs=ABLATION, trial=_SEEING,
-        shows="Without both: well in simulation; too fast, and into the edges of stairs, on the robot.",
+        shows="Without both: well in simulation; too fast, and into the edges of stairs, "
+              "on the robot.",
         numbers=_on_stairs("no-sysid", "all", "not all"),
         differs="Ours fails in simulation already: there images are late and motors saturate, whatever was trained.",
     ),

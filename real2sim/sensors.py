@@ -98,7 +98,10 @@ class Sensor:
 def _no_held_base(log: RunLog) -> str:
     if log.meta["base"] != "fixed":
         jumps = not untold(log) and has_changing_gains(log) and not _no_free_base(log)
-        return f"the base is not held: {'see body' if jumps else 'what the ground does hides the joints'}"
+        return (
+            f"the base is not held: "
+            f"{'see body' if jumps else 'what the ground does hides the joints'}"
+        )
     return untold(log) or (CHANGING_GAINS if has_changing_gains(log) else "")
 
 
@@ -116,13 +119,19 @@ def _no_free_base(log: RunLog) -> str:
     if untold(log):
         return untold(log)
     if tuple(name.removesuffix("_joint") for name in log.meta["joints"]) != JOINTS:
-        return f"the joints are not {JOINTS[0]} to {JOINTS[-1]} in this order: what moves the body is not known"
+        return (
+            f"the joints are not {JOINTS[0]} to {JOINTS[-1]} in this order: "
+            "what moves the body is not known"
+        )
     try:
         robot = robot_of(log)
     except SaltusError as error:
         return f"what stands there is no quadruped that can be replayed: {error}"
     if (robot.joint_sign < 0.0).any():
-        return "the robot's model counts angles the other way: positive is about x (hip) and y (thigh, calf)"
+        return (
+            "the robot's model counts angles the other way: "
+            "positive is about x (hip) and y (thigh, calf)"
+        )
     share = carried_by(log)
     if share >= LEAST_SHARE:
         return (

@@ -27,7 +27,10 @@ FLAGS = (
     "--no-first-run",
 )  # fmt: skip
 PATIENCE_S = 120.0
-TEN_FRAMES = "new Promise(done => { let left = 10; const f = () => left-- ? requestAnimationFrame(f) : done(); f(); })"
+TEN_FRAMES = (
+    "new Promise(done => { let left = 10; const f = () => left-- ? requestAnimationFrame(f) : "
+    "done(); f(); })"
+)
 CODES = {"End": 35, "Home": 36}
 
 
@@ -83,7 +86,10 @@ class Tab:
         """Takes another value of the list that shows this one."""
         find = "[...document.querySelectorAll('input')]"
         find += f".find(each => each.type === 'text' && each.value === {json.dumps(shown)})"
-        option = f"[...document.querySelectorAll('[role=option]')].find(o => o.innerText === {json.dumps(other)})"
+        option = (
+            f"[...document.querySelectorAll('[role=option]')].find(o => o.innerText === "
+            f"{json.dumps(other)})"
+        )
         self.until(
             lambda: self.run(f"(() => {{ const i = {find}; i && i.click(); return !!i; }})()"),
             shown,

@@ -16,7 +16,8 @@ TEXTS = {
     "geometry_msgs/msg/Twist": "Vector3 linear\nVector3 angular\n",
     "geometry_msgs/msg/TwistWithCovariance": "Twist twist\nfloat64[36] covariance\n",
     "geometry_msgs/msg/Transform": "Vector3 translation\nQuaternion rotation\n",
-    "geometry_msgs/msg/TransformStamped": "std_msgs/Header header\nstring child_frame_id\nTransform transform\n",
+    "geometry_msgs/msg/TransformStamped": "std_msgs/Header header\nstring "
+    "child_frame_id\nTransform transform\n",
     "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",
     "nav_msgs/msg/Odometry": (
         "std_msgs/Header header\nstring child_frame_id\n"

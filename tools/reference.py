@@ -29,20 +29,20 @@ FOLDER = Path(__file__).resolve().parents[1] / "docs" / "reference"
 MADE = "<!-- Made from the code by tools/reference.py. -->"
 STATE = {field.name for field in schemas.FIELDS[messages.RobotState]}
 ON_THE_WIRE = {
-    messages.DepthFrame: "The image is 16UC1, depth along the optical axis in units of `depth_unit_m`: 0 is invalid, "
-    "65535 is nothing within range. The intrinsics are in `camera_info.k`, as in ROS: pixel (u, v) "
-    "looks through "
+    messages.DepthFrame: "The image is 16UC1, depth along the optical axis in units of "
+    "`depth_unit_m`: 0 is invalid, 65535 is nothing within range. The intrinsics are in "
+    "`camera_info.k`, as in ROS: pixel (u, v) looks through "
     "((u - cx) / fx, (v - cy) / fy). Distortion is not read: images must be rectified. `frame_id` "
     "counts the images. "
     "Refused are other encodings, big-endian ones, a `step` other than two bytes a pixel, images "
     "over "
-    f"{depth_codec.WIDTH_MAX} x {depth_codec.HEIGHT_MAX}, a `camera_info` of another size, focal lengths "
-    "outside of "
-    f"{depth_codec.FOCAL_MIN_PX:g} to {depth_codec.FOCAL_MAX_PX:g} pixels, and units outside of 1e-6 to "
-    f"{depth_codec.DEPTH_UNIT_MAX_M:g} m.",
-    messages.Event: "`stamp` is its time, `name` the sender, `function` the code, `msg` the detail, for people. "
-    "Details that are read: of `kill` the name of a process, of `blind` seconds, of `push` Ns, "
-    "negative to the right.",
+    f"{depth_codec.WIDTH_MAX} x {depth_codec.HEIGHT_MAX}, a `camera_info` of another size, focal "
+    "lengths outside of "
+    f"{depth_codec.FOCAL_MIN_PX:g} to {depth_codec.FOCAL_MAX_PX:g} pixels, and units outside of "
+    f"1e-6 to {depth_codec.DEPTH_UNIT_MAX_M:g} m.",
+    messages.Event: "`stamp` is its time, `name` the sender, `function` the code, `msg` the "
+    "detail, for people. Details that are read: of `kill` the name of a process, of `blind` "
+    "seconds, of `push` Ns, negative to the right.",
 }
 """Messages whose fields travel in another form than they have in Python."""
 PART_TITLES = {
@@ -117,7 +117,10 @@ def _parameter(f: "Field[Any]") -> str:
         else f"(default {_shown(f.default)})"
     )
     joints = "yes" if m["per_joint"] else ""
-    return f"| `{f.name}` | {m['unit']} | {null} | {_shown(m['low'])} | {_shown(m['high'])} | {joints} |"
+    return (
+        f"| `{f.name}` | {m['unit']} | {null} | {_shown(m['low'])} | "
+        f"{_shown(m['high'])} | {joints} |"
+    )
 
 
 def _read_by_the_network() -> list[str]:
@@ -143,7 +146,8 @@ def messages_page() -> str:
         "Keys are `PREFIX/TOPIC`, e.g. `robot/0/camera/depth`. For `done`, `event` and `status` "
         "the sender's name "
         "follows: subscribe to `robot/0/status/*`. What an operator asks goes to "
-        "`robot/0/event/operator`. Images of a second camera come under `robot/0/camera/depth/NAME`.",
+        "`robot/0/event/operator`. Images of a second camera come under "
+        "`robot/0/camera/depth/NAME`.",
         "Payloads are CDR of the ROS 2 types below, little-endian: they begin with the bytes 00 01 "
         "00 00, and nothing "
         "may follow the last field. Attachments are those of rmw_zenoh, 33 bytes without gaps: "
@@ -157,9 +161,9 @@ def messages_page() -> str:
         "## What the heightmap network reads",
         "Of `controller/state`: "
         + ", ".join(f"`{name}`" for name in _read_by_the_network())
-        + ", and the capture time in the header. Of `camera/depth`: the image, its intrinsics, unit and capture time. "
-        "Besides these the service needs `step`, which must rise with each state, and `frame_id`, "
-        "which must rise by "
+        + ", and the capture time in the header. Of `camera/depth`: the image, its intrinsics, "
+        "unit and capture time. Besides these the service needs `step`, which must rise with each "
+        "state, and `frame_id`, which must rise by "
         "one with each image: images that are left out count as lost, and what does not rise is "
         "not taken. If your "
         "counters start anew, take new bytes of the sender. All other fields may be zero. "

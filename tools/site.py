@@ -128,5 +128,8 @@ def _api() -> str:
     places = [
         f"::: {home}.{name}" for name in names for home, own in saltus._HOMES.items() if name in own
     ]
-    said = "What `import saltus` offers, made from the docstrings. [Saltus from Python](../python.md) shows it in use."
+    said = (
+        "What `import saltus` offers, made from the docstrings. [Saltus from "
+        "Python](../python.md) shows it in use."
+    )
     return "\n\n".join((f"# Python\n\n{said}", *places)) + "\n"

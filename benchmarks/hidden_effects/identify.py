@@ -99,4 +99,7 @@ def _look(find: Find, logs: tuple[Path, ...], out: Path) -> str:
     seconds = time.monotonic() - start
     (out / "seconds.json").write_text(json.dumps(seconds), encoding="utf-8")
     said = json.loads((out / "verdict.json").read_text(encoding="utf-8"))
-    return f"{said['verdict']} {[effect['name'] for effect in said.get('effects', [])]} {seconds:.0f} s"
+    return (
+        f"{said['verdict']} "
+        f"{[effect['name'] for effect in said.get('effects', [])]} {seconds:.0f} s"
+    )

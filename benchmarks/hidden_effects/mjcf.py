@@ -81,4 +81,7 @@ def _leg(number: int, ground: str) -> str:
 
 def _inertial(mass: float, centre: Floats, inertia: Floats) -> str:
     entries = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    return f'<inertial mass="{mass}" pos="{" ".join(map(str, centre))}" fullinertia="{" ".join(map(str, entries))}"/>'
+    return (
+        f'<inertial mass="{mass}" pos="{" ".join(map(str, centre))}" '
+        f'fullinertia="{" ".join(map(str, entries))}"/>'
+    )

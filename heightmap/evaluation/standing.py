@@ -157,7 +157,10 @@ def _place(
     """The line's network does not know where the camera sits:
     it has learned which pixel shows which ground.
     """
-    wanted = f"within {DEG * MOUNT_PITCH_ERROR:.1f} deg and {MM * MOUNT_POSITION_ERROR_M:.0f} mm of its claim"
+    wanted = (
+        f"within {DEG * MOUNT_PITCH_ERROR:.1f} deg and "
+        f"{MM * MOUNT_POSITION_ERROR_M:.0f} mm of its claim"
+    )
     try:
         calibration = fit_place(pairs, recording.robot, recording.camera)
     except RecordingError as error:
@@ -175,7 +178,8 @@ def _place(
     height = found.height - claimed.height
     yield Finding(
         name=PLACE,
-        measured=f"pitch {DEG * pitch:+.1f} deg, roll {DEG * roll:+.1f} deg, height {MM * height:+.0f} mm",
+        measured=f"pitch {DEG * pitch:+.1f} deg, roll {DEG * roll:+.1f} deg, height "
+        f"{MM * height:+.0f} mm",
         wanted=wanted,
         good=max(abs(pitch), abs(roll)) <= MOUNT_PITCH_ERROR
         and abs(height) <= MOUNT_POSITION_ERROR_M,

@@ -100,7 +100,10 @@ class RobotLink:
         self._told = True
         ahead_s = 1e-9 * (state.time_ns - now_ns)
         where = "ahead of" if ahead_s > 0.0 else "behind"
-        detail = f"states are {abs(ahead_s):.3f} s {where} the clock of this computer, by which they must be dated"
+        detail = (
+            f"states are {abs(ahead_s):.3f} s {where} the clock of this computer, "
+            "by which they must be dated"
+        )
         self.context.event("states_refused", detail)
 
     def _take_frame(self) -> None:

@@ -139,7 +139,10 @@ class ScanChoice:
             if self.body == NO_BODY
             else "a box stands for the body: legs outside of it are taken for ground"
         )
-        return f"{body}; feet are those that states tell in standing_feet: without any, heights are 1 mm worse"
+        return (
+            f"{body}; feet are those that states tell in standing_feet: without any, "
+            "heights are 1 mm worse"
+        )
 
 
 class ScanFleet:

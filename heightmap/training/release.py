@@ -178,7 +178,10 @@ def _unseen(folder: Path, training: TrainingOrigin, trained_on: list[ShardRecord
             raise DatasetError(
                 f"{folder / record.file} was trained on: it cannot say what a model is worth"
             )
-    return f"dataset {dataset_hash(records)}, seeds {', '.join(str(record.seed) for record in records)}"
+    return (
+        f"dataset {dataset_hash(records)}, seeds "
+        f"{', '.join(str(record.seed) for record in records)}"
+    )
 
 
 def _card(

@@ -30,7 +30,10 @@ DRIVES = "drives"
 """In the name of a pair: its leg controller makes up for the drives that were found."""
 
 
-LEFT = "left as they are: simulated robots with the found profile do no better where they are made up for"
+LEFT = (
+    "left as they are: simulated robots with the found profile do no better where "
+    "they are made up for"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,4 +155,7 @@ def verdict(choice: Choice, kind: ModelKind) -> str:
     """Returns what became of a trained model, in words."""
     if kind in choice.taken:
         return "taken"
-    return "not taken: simulated robots with the found profile do no better with it than with the shipped one"
+    return (
+        "not taken: simulated robots with the found profile do no better with it than "
+        "with the shipped one"
+    )

@@ -39,7 +39,10 @@ class TruthRow:
     @property
     def name(self) -> str:
         """For a figure."""
-        return f"{self.effect} {self.parameter}{'' if self.where in ('all', '') else f' ({self.where})'}"
+        return (
+            f"{self.effect} "
+            f"{self.parameter}{'' if self.where in ('all', '') else f' ({self.where})'}"
+        )
 
 
 def rows_of(folder: CycleFolder) -> list[TruthRow]:

@@ -185,7 +185,10 @@ def _statement(clues: Sequence[_Clue], places: Sequence[str]) -> Statement:
     unit = f" {variable.unit}" if variable.unit else ""
     if first.kind == "proportional":
         per = f" per{unit}" if unit else ""
-        text = f"{where}: {signal} is off by {rms:.1f} sigma; {variable.name} explains {share:.0%} of its power"
+        text = (
+            f"{where}: {signal} is off by {rms:.1f} sigma; "
+            f"{variable.name} explains {share:.0%} of its power"
+        )
         text += f" ({slope:+.2g} sigma{per})"
     else:
         threshold = float(np.median([clue.threshold for clue in clues]))

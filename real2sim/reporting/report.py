@@ -25,7 +25,8 @@ from saltus.real2sim.verdict import Verdict
 from saltus.reports.page import render
 
 MEANING = {
-    "named": "Named: these effects explain the gap, and nothing else that was tried explains it as well.",
+    "named": "Named: these effects explain the gap, "
+    "and nothing else that was tried explains it as well.",
     "set": "A set: something is missing, but these data cannot tell which of these effects it is.",
     "unexplained": "Unexplained: no effect of the library closes the gap.",
     "no_gap": "No gap: what the log differs by is within its noise.",
@@ -39,8 +40,14 @@ NO_STEP = {
     "no_gap": "None is needed.",
     "bad_log": "The log must be mended first.",
 }
-IN_PART = "Unexplained in part: what is named explains its part; a gap remains that no effect of the library closes."
-UNTESTED = "Unexplained: these logs show too little to test anything, so nothing is named, and nothing is ruled out."
+IN_PART = (
+    "Unexplained in part: what is named explains its part; "
+    "a gap remains that no effect of the library closes."
+)
+UNTESTED = (
+    "Unexplained: these logs show too little to test anything, so nothing is named, "
+    "and nothing is ruled out."
+)
 LONG = 12  # length of a list in the claims; longer ones are cut
 SAID_BEFORE, SAID_AFTER = 6, 3
 """Number of statements on where the gap lies, and on what is left."""

@@ -35,7 +35,10 @@ def sentence(verdict: Verdict, profile: Profile = IDEAL) -> str:
     if verdict.verdict == "no_gap":
         return "The log agrees with the simulator within its noise."
     if verdict.gap is None and verdict.missing:
-        return f"Too little to test anything by, so nothing is named. {'. '.join(m.why for m in verdict.missing)}."
+        return (
+            f"Too little to test anything by, so nothing is named. "
+            f"{'. '.join(m.why for m in verdict.missing)}."
+        )
     changed = ", and ".join(
         f"the profile's {name} does not fit the log, while {_effects(verdict, {name})} does"
         for name in dict.fromkeys(effect.name for effect in verdict.effects)
@@ -130,7 +133,10 @@ def _effect(name: str, effects: list[FoundEffect]) -> str:
         _value(param, [effect.params[param] for effect in effects]) for param in effects[0].params
     )
     where = [place for effect in effects for place in places(effect)]
-    return f"{name} ({values}; {', '.join(where) if len(where) <= MOST_PLACES else f'{len(where)} joints'})"
+    return (
+        f"{name} ({values}; "
+        f"{', '.join(where) if len(where) <= MOST_PLACES else f'{len(where)} joints'})"
+    )
 
 
 def _value(param: str, found: list[Interval]) -> str:

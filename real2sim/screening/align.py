@@ -60,7 +60,10 @@ class ClockOffset:
     def text(self) -> str:
         """The offset in a sentence."""
         first, last = (1e3 * end for end in self.ci90_s)
-        late = f"{self.stream} is {1e3 * self.offset_s:.1f} ms ({first:.1f} to {last:.1f}) behind {self.reference}"
+        late = (
+            f"{self.stream} is {1e3 * self.offset_s:.1f} ms ({first:.1f} to {last:.1f}) "
+            f"behind {self.reference}"
+        )
         low, high = self.drift_ci90
         drifts = (
             f", drifts by {1e3 * self.drift:.2f} ms per s"

@@ -261,7 +261,10 @@ def _fault(cause: str, where: str, factor: float, gears: Sequence[float]) -> Fau
         text += _gains_instead(factor) or likely("tau_est", factor, gears)
         return Fault(name="flipped_sign" if is_flipped else "torque_unit", text=text)
     if cause == "gains" and unit_of("tau_est", factor, gears):
-        text = f"tau_est and tau_ff of {where} are {factor:.4g} times what kp and kd make of q and dq: "
+        text = (
+            f"tau_est and tau_ff of {where} are {factor:.4g} times what kp and kd "
+            "make of q and dq: "
+        )
         return Fault(name="torque_unit", text=text + likely("tau_est", factor, gears))
     which = "kp and kd" if cause == "gains" else cause
     text = f"tau_est of {where} shows {factor:.4g} times the {which} that meta.json claims: "

@@ -166,7 +166,10 @@ def _units(log: RunLog) -> Iterator[Fault]:
         own = float(np.ptp(time_s)) if len(time_s) > MIN_ROWS else 0.0
         factor = _known_factor(own / lasts, SAME_RUN) if lasts > 0.0 and own > 0.0 else None
         if factor:
-            text = f"{name}: t is {factor:g} times that of the joints: its rows span {own:.4g}, theirs {lasts:.4g}"
+            text = (
+                f"{name}: t is {factor:g} times that of the joints: its rows span {own:.4g}, "
+                f"theirs {lasts:.4g}"
+            )
             yield Fault(name="time_unit", text=f"{text}; {_in_unit(factor, is_alone=True)}")
 
 
@@ -268,7 +271,10 @@ def _steps(log: RunLog) -> Iterator[Fault]:
         return
     period = float(np.median(np.diff(log.joints.time_s[changes])))
     if claimed > CONTROL_DT_OFF * period:
-        text = f"joints: commands change every {1e3 * period:.4g} ms, control_dt claims {1e3 * claimed:.4g} ms"
+        text = (
+            f"joints: commands change every {1e3 * period:.4g} ms, control_dt claims "
+            f"{1e3 * claimed:.4g} ms"
+        )
         yield Fault(name="control_dt", text=text)
 
 
@@ -282,7 +288,10 @@ def _lost(log: RunLog) -> Iterator[Fault]:
         )
         lost, longest = lost + count, max(longest, gap)
     if lost:
-        text = f"joints: {lost} rows ({lost / len(time_s):.1%}) are missing, the longest gap is {1e3 * longest:.0f} ms"
+        text = (
+            f"joints: {lost} rows ({lost / len(time_s):.1%}) are missing, the longest gap is "
+            f"{1e3 * longest:.0f} ms"
+        )
         fatal = _is_more(lost, MAX_LOST, len(time_s)) or longest > MAX_GAP_S
         yield Fault(name="lost_rows", text=text, is_fatal=fatal)
 
@@ -335,7 +344,10 @@ def _repeated(log: RunLog) -> Iterator[Fault]:
     seen = same[moving[: len(same)]]
     count = int(seen.sum())
     if count:
-        text = f"joints: {count / len(seen):.1%} of the rows repeat the state of the row before while the robot moves"
+        text = (
+            f"joints: {count / len(seen):.1%} of the rows repeat the state of the row before "
+            "while the robot moves"
+        )
         yield Fault(
             name="repeated_rows", text=text, is_fatal=_is_more(count, MAX_REPEATED, len(seen))
         )

@@ -49,7 +49,10 @@ def depth_faults(log: RunLog) -> list[Fault]:
         ]
     height, width = log.depth.depth_mm.shape[1:]
     if (camera.get("height"), camera.get("width")) != (height, width):
-        text = f"depth: images are {width} x {height}, meta.json claims {camera.get('width')} x {camera.get('height')}"
+        text = (
+            f"depth: images are {width} x {height}, meta.json claims {camera.get('width')} x "
+            f"{camera.get('height')}"
+        )
         return [Fault(name="image_size", text=text)]
     reach = float(camera.get("range_max", np.inf))
     geometry = [*_geometry(log, log.depth, reach)]
@@ -64,7 +67,10 @@ def _beyond(depth: DepthTable, reach: float) -> Iterator[Fault]:
     seen = depth.depth_mm[depth.depth_mm > 0]
     ratio = 1e-3 * float(np.median(seen)) / reach if len(seen) >= PIXELS else 0.0
     if ratio > UNIT_OFF:
-        text = f"depth: images read {ratio:.3g} times range_max in the middle: {_step(ratio, seen, is_known=False)}"
+        text = (
+            f"depth: images read {ratio:.3g} times range_max in the middle: "
+            f"{_step(ratio, seen, is_known=False)}"
+        )
         yield Fault(name="depth_unit", text=text)
 
 
@@ -72,12 +78,18 @@ def _step(ratio: float, seen: NDArray[np.uint16], is_known: bool = True) -> str:
     """Returns what a ratio of depth to what it should be says of the images' steps."""
     step = min(STEPS_M, key=lambda each: abs(np.log(ratio * each / 1e-3)))
     if np.mean(seen >= FULL) > FULL_SHARE:
-        return "most pixels are at the end of 16 bits, as steps of 1e-06 m (1000) would be: write whole millimetres"
+        return (
+            "most pixels are at the end of 16 bits, as steps of 1e-06 m (1000) would be: "
+            "write whole millimetres"
+        )
     near = NEAR_STEP if step < COARSE_M else 0.5  # whole metres round what they tell
     if not is_known or abs(ratio * step / 1e-3 - 1.0) > near:
         known = f" = {1e-3 / ratio:.3g}" if is_known else ""
         return f"another unit? Then say depth_unit_m{known} in [units] (meta.json: units)"
-    return f"in steps of {step:g} m ({1e-3 / step:g})? Then say depth_unit_m = {step:g} in [units] (meta.json: units)"
+    return (
+        f"in steps of {step:g} m ({1e-3 / step:g})? Then say depth_unit_m = {step:g} in [units] "
+        "(meta.json: units)"
+    )
 
 
 def _clocks(depth: DepthTable) -> Iterator[Fault]:

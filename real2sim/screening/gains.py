@@ -277,7 +277,10 @@ def _faults(name: str, drive: _Regression) -> Iterator[Fault]:
         torque_nm > LEAST_TORQUE_NM and left > LARGEST_RESIDUAL_NM + drive.kp * HALF_BACKLASH_RAD
     )
     if is_judged and followed < LEAST_EXPLAINED:
-        text = f"q, q_des and gains explain {followed:.0%} of tau_est of {name}: the columns are not of one joint"
+        text = (
+            f"q, q_des and gains explain {followed:.0%} of tau_est of {name}: "
+            "the columns are not of one joint"
+        )
         yield Fault(name="torque_unexplained", text=text)
         return
     is_other_encoder = left > max(LARGEST_RESIDUAL_NM, LARGEST_RESIDUAL_SHARE * torque_nm)
@@ -291,7 +294,10 @@ def _faults(name: str, drive: _Regression) -> Iterator[Fault]:
         STANDARD_ERRORS * float(np.sqrt(np.var(drive.rest) * drive.inverse[0, 0])),
     )
     if shown < -margin:
-        text = f"tau_est of {name} pushes away from q_des (kp {shown:.3g}, claimed {drive.kp:.3g}): a sign is flipped"
+        text = (
+            f"tau_est of {name} pushes away from q_des (kp {shown:.3g}, claimed {drive.kp:.3g}): "
+            "a sign is flipped"
+        )
         yield Fault(name="flipped_sign", text=text)
         return
     has_feedforward = (

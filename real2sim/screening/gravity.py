@@ -52,14 +52,20 @@ def gravity_faults(log: RunLog) -> Iterator[Fault]:
     heavy = np.abs(weight) > MIN_WEIGHT
     opposite = heavy & (np.abs(held + weight) < AGREES * np.abs(weight))
     for joint in np.flatnonzero(opposite):
-        text = f"{names[joint]} is held by {held[joint]:+.2f} Nm, its weight needs {weight[joint]:+.2f}: "
+        text = (
+            f"{names[joint]} is held by {held[joint]:+.2f} Nm, its weight needs "
+            f"{weight[joint]:+.2f}: "
+        )
         yield Fault(
             name="against_gravity",
             text=text + "a flipped sign, or the columns of the leg on the other side",
         )
     off = np.abs(held - weight) > OFF_COMMAND
     for joint in np.flatnonzero(off & ~opposite):
-        text = f"{names[joint]} stands off its command as if held by {held[joint]:+.1f} Nm, its weight needs "
+        text = (
+            f"{names[joint]} stands off its command as if held by {held[joint]:+.1f} Nm, "
+            "its weight needs "
+        )
         text += f"{weight[joint]:+.1f}: a gear ratio, a zero or a name is wrong"
         yield Fault(name="off_command", text=text)
     moving = heavy & ~opposite & (np.ptp(log.joints.q, axis=0) > MOVES)
@@ -99,7 +105,10 @@ def feedforward_faults(log: RunLog) -> Iterator[Fault]:
     )
     if left > 1.0 - HOLDS or LOADED[0] < share < LOADED[1]:
         return
-    text = f"tau_ff of all joints is about {1.0 / share:.2g} times its part in holding the weight, by the gains and "
+    text = (
+        f"tau_ff of all joints is about {1.0 / share:.2g} times its part in holding the weight, "
+        "by the gains and "
+    )
     text += "the model: " + ("a sign is flipped" if share < 0.0 else "another unit?")
     yield Fault(name="flipped_sign" if share < 0.0 else "torque_unit", text=text)
 

@@ -222,7 +222,10 @@ def _misnamed(slow: _SlowMotion) -> Iterator[Fault]:
         wrong = (own > STANCE_OFF) & (found < STANCE_LIKE)
         if wrong.sum() >= 2:
             names = ", ".join(slow.joints[joints[j]] for j in np.flatnonzero(wrong))
-            text = f"{names} stand as other joints do in the other legs ({own[wrong].max():.2f} rad apart): wrong names"
+            text = (
+                f"{names} stand as other joints do in the other legs ({own[wrong].max():.2f} rad "
+                "apart): wrong names"
+            )
             yield Fault(name="swapped_joints", text=text)
 
 
@@ -231,7 +234,10 @@ def _signs(slow: _SlowMotion) -> Iterator[Fault]:
     wrong = slow.moves & (correlation < FLIPPED)
     if wrong.any():
         worst = correlation[wrong].min()
-        text = f"q of {_list(slow.joints, wrong)} moves against q_des (correlation {worst:.2f}): a sign is flipped"
+        text = (
+            f"q of {_list(slow.joints, wrong)} moves against q_des (correlation {worst:.2f}): "
+            "a sign is flipped"
+        )
         yield Fault(name="flipped_sign", text=text)
 
 
@@ -285,7 +291,10 @@ def _rates(log: RunLog) -> Iterator[Fault]:
     fast = np.nan_to_num(slopes) > TOO_FAST
     fast[list(wrong)] = False
     if fast.any():
-        text = f"dq of {_list(names, fast)} is {slopes[fast].mean():.2f} times the rate of q: no filter does that"
+        text = (
+            f"dq of {_list(names, fast)} is {slopes[fast].mean():.2f} times the rate of q: "
+            "no filter does that"
+        )
         yield Fault(name="fast_rate", text=text, is_fatal=False)
 
 

@@ -118,7 +118,10 @@ def _order_by_feet(log: RunLog) -> Iterator[Fault]:
         spread.append(float(np.sqrt(np.mean(np.var(turned[..., 2], axis=1)))))
     upright = _is_upright(np.roll(log.base.values[:, 3:7], 1, axis=1))
     if upright and spread[1] < LEVEL and spread[0] > CLEARLY * spread[1]:
-        text = f"only so do its feet stand {1e3 * spread[1]:.2g} mm apart in height, and not {1e3 * spread[0]:.2g}"
+        text = (
+            f"only so do its feet stand {1e3 * spread[1]:.2g} mm apart in height, and not "
+            f"{1e3 * spread[0]:.2g}"
+        )
         yield _wrong_order("base", text)
 
 
@@ -144,7 +147,10 @@ def _gravity(imu: Table) -> Iterator[Fault]:
         if mean[2] / size < TILT:
             up = np.round(mean / size, 2).tolist()
             why = "a sign is flipped, " if factor < 0.0 else ""
-            text = f"{told} and points along {up} in the world, not up: {why}wrong axes or quaternion order"
+            text = (
+                f"{told} and points along {up} in the world, not up: "
+                f"{why}wrong axes or quaternion order"
+            )
             yield Fault(name="imu_axes", text=text)
         return
     # if gravity was taken out, the mean is noise in every unit, and the other columns are still
@@ -176,7 +182,10 @@ def _base(log: RunLog, base: Table) -> Iterator[Fault]:
     tops = [0.0, *(boxes.center + boxes.half_size)[:, 2]]
     if not min(tops) - FAR < height < max(tops) + FAR:
         factor = _length_factor(height)
-        text = f"base: position is {factor:.4g} times what it can be: z is {height:.4g}, more than {FAR:.0f} m off the "
+        text = (
+            f"base: position is {factor:.4g} times what it can be: z is {height:.4g}, more than "
+            f"{FAR:.0f} m off the "
+        )
         yield Fault(name="base_unit", text=f"{text}ground; {likely('position', factor)}")
         return
     yield from _stands(log, base)

@@ -101,7 +101,10 @@ def likely(signal: str, factor: float, gears: Sequence[float] = GEARS, near: flo
         return f"on the motor's side of the gear ({turn:.4g})? Log the joint's side"
     if unit := unit_of(signal, 1.0 / factor, (), near):
         return f"turned from {unit} into SI units twice ({SIGNALS[signal].units[unit]:.4g})?"
-    return f"{UNKNOWN_UNIT} Then say signals.{signal} = {1.0 / factor:.4g} in [units] (meta.json: units)"
+    return (
+        f"{UNKNOWN_UNIT} Then say signals.{signal} = {1.0 / factor:.4g} in [units] (meta.json: "
+        "units)"
+    )
 
 
 def _apart(factor: float, known: float) -> float:

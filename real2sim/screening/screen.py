@@ -105,7 +105,10 @@ def cut_faults(log: RunLog) -> Iterator[Fault]:
         last_s = max(float(s["t1"]) for s in planned)
         parts = [f"'{s['name']}' breaks off" for s in broken]
         parts += [f"{len(gone)} of {len(planned)} segments are missing"] if gone else []
-        text = f"the log is cut: it ends at {end_s:.2f} s, its segments at {last_s:.2f} s: {', '.join(parts)}"
+        text = (
+            f"the log is cut: it ends at {end_s:.2f} s, its segments at {last_s:.2f} s: "
+            f"{', '.join(parts)}"
+        )
         yield Fault(name="cut", text=text, is_fatal=False)
     for name, time_s in clocks(log).items():
         if len(time_s) and end_s - time_s[-1] > EARLIER_S:

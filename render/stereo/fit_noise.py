@@ -49,7 +49,10 @@ class NoiseCurves:
 def noise_curves(scene: StaticScene) -> NoiseCurves | str:
     """Measures the noise; a reason where that cannot be done."""
     if scene.frames < MIN_FRAMES:
-        return f"{scene.frames} frames of a scene at rest: {MIN_FRAMES} are needed for a variance over time"
+        return (
+            f"{scene.frames} frames of a scene at rest: "
+            f"{MIN_FRAMES} are needed for a variance over time"
+        )
     count = int(np.sum(scene.surface))
     if count < MIN_PIXELS:
         return (

@@ -117,7 +117,10 @@ def _check_camera(frame: DepthFrame) -> None:
 
 def _mode(frame: DepthFrame) -> str:
     height, width = frame.depth.shape
-    return f"frame {frame.frame_id} ({width}x{height}, fx {frame.fx:.1f} px, unit {frame.depth_unit_m:g} m)"
+    return (
+        f"frame {frame.frame_id} ({width}x{height}, fx {frame.fx:.1f} px, unit "
+        f"{frame.depth_unit_m:g} m)"
+    )
 
 
 def _longest_rest(inverse: NDArray[np.float32], nominal: float) -> tuple[int, int]:

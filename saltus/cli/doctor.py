@@ -140,7 +140,10 @@ def _model() -> str:
 def _policy() -> str:
     from saltus.policy.actor import PolicyActor
 
-    return f"sha256 {PolicyActor(_robot(), load_grid(DEFAULT_GRID), model_path('policy')).model_id}, loads"
+    return (
+        f"sha256 {PolicyActor(_robot(), load_grid(DEFAULT_GRID), model_path('policy')).model_id}, "
+        "loads"
+    )
 
 
 def _render(backend: str) -> str:

@@ -118,7 +118,10 @@ def _unknown(said: str, parts: list[list[str]]) -> str:
         if any(f"(applied to {name})" in said for name in commands)
     ]
     if word == "--robot" and "--robots" not in own:
-        return f"'{word}' is no flag here: this is for the Go1, or the robot of a recording or run ({ROBOTS_PAGE})"
+        return (
+            f"'{word}' is no flag here: this is for the Go1, "
+            f"or the robot of a recording or run ({ROBOTS_PAGE})"
+        )
     if listed.get(word) and not own:
         return f"{word} is a flag of {', '.join(dict.fromkeys(listed[word]))}"
     hint = f": {nearest_hint(word, own or listed)}" if listed else ""

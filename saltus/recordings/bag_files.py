@@ -27,7 +27,8 @@ CURES = {
     "metadata key is missing": "delete metadata.yaml: the files beside it are read without",
     "Invalid bag metadata": "delete metadata.yaml: the files beside it are read without",
     "Could not load YAML": "delete metadata.yaml: the files beside it are read without",
-    "database files are missing": "delete metadata.yaml if the rest is enough: files are read without it, too",
+    "database files are missing": "delete metadata.yaml if the rest is enough: "
+    "files are read without it, too",
     "Unrecognized storage format": "name it by what it is: .bag, .mcap or .db3",
 }
 """The cure, by words of the library's message."""

@@ -228,7 +228,10 @@ def _first_lines(path: Path) -> tuple[str, list[str]]:
             and len(text.splitlines()) > 1
             and encoding != "latin-1"
         )
-        cure = "ends in zero bytes, as after a loss of power: `tr -d '\\000' < FILE > NEW` takes them out"
+        cure = (
+            "ends in zero bytes, as after a loss of power: "
+            "`tr -d '\\000' < FILE > NEW` takes them out"
+        )
         raise ValueError(f"it {cure if lost else 'is no text'}")
     return encoding, text.splitlines()
 
@@ -341,7 +344,10 @@ def _of_column(said: str, form: _Form) -> str:
     if not found:
         return said
     row = int(found[2]) - form.skipped if found[2] else 0
-    text = f"column '{form.names[int(found[1])]}'{f', row {row}' if row else ''}: {found[3].splitlines()[0]}"
+    text = (
+        f"column '{form.names[int(found[1])]}'{f', row {row}' if row else ''}: "
+        f"{found[3].splitlines()[0]}"
+    )
     is_unit = row == 1 and not re.search(r"\d", found[3].splitlines()[0])
     return (
         f"{text}; is it a row of units? Delete it" if is_unit else f"{text}; it must hold numbers"

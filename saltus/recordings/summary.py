@@ -123,7 +123,10 @@ def sentence(summary: RunSummary) -> str:
     """How a run went, for people."""
     verdict = "crossed" if summary.success else f"did not cross ({summary.explanation})"
     way, error = shown(summary.distance_m, 2, "m"), shown(100 * summary.heightmap_mae_m, 1, "cm")
-    time = f"{shown(summary.time_s, 2, 's')} at {shown(summary.mean_speed_mps, 2, 'm/s')} {summary.timed}"
+    time = (
+        f"{shown(summary.time_s, 2, 's')} at "
+        f"{shown(summary.mean_speed_mps, 2, 'm/s')} {summary.timed}"
+    )
     lost = f"; the recording lacks {summary.lost} messages" if summary.lost else ""
     return (
         f"{verdict} {summary.terrain}: {way} from the start; {time}; heightmap error {error}{lost}"

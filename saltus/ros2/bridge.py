@@ -21,7 +21,8 @@ IMAGES_WITHIN_S = 1.0  # of real time: a run may be slowed
 AGAIN_S = 2.0  # between two lines while messages are refused
 ADVICE = {
     "clock": "stamps are not this computer's time: --arrival-times takes messages as they arrive",
-    "depth_unit": "depth images of 32 bit are too far in metres: --depth-unit-m 0.001 takes them as millimetres",
+    "depth_unit": "depth images of 32 bit are too far in metres: "
+    "--depth-unit-m 0.001 takes them as millimetres",
 }
 """Advice of reasons for which messages are refused."""
 

@@ -66,8 +66,8 @@ def replay(
     known = replace(config or recording.known_config, pace="lockstep")
     if name == "controller" and known.link != "here":
         raise RecordingError(
-            f"{recording.path}: its robot was another program, over DDS: of this run camera, heightmap "
-            "and planner can be replayed"
+            f"{recording.path}: its robot was another program, over DDS: of this run camera, "
+            "heightmap and planner can be replayed"
         )
     feed = _Feed(recording, heard)
     context = _Context(name, known, recording, _RecordedBus(known.prefix, feed, said))

@@ -161,5 +161,8 @@ def _refusal(router: str) -> str:
         except (OSError, ValueError):
             pass
         else:
-            return f"the router at {router} refused this certificate, or has one that its file does not trust"
+            return (
+                f"the router at {router} refused this certificate, "
+                "or has one that its file does not trust"
+            )
     return f"no Zenoh router at {router}"

@@ -535,7 +535,10 @@ def test_the_example_scores_as_flat_ground(short: Path, tmp_path: Path, capsys: 
 
 
 def test_it_needs_no_package_that_only_training_needs() -> None:
-    blocked = "import sys; sys.modules.update(dict.fromkeys(('h5py', 'torch', 'kornia', 'warp', 'mujoco_warp')));"
+    blocked = (
+        "import sys; sys.modules.update(dict.fromkeys(('h5py', 'torch', 'kornia', 'warp', "
+        "'mujoco_warp')));"
+    )
     modules = ("benchmarks.depth_to_heights.command", "saltus.heightmap.evaluation.held_out")
     imports = "".join(f"import {module};" for module in modules)
     subprocess.run([sys.executable, "-c", blocked + imports], check=True, timeout=60)

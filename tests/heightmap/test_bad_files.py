@@ -33,7 +33,8 @@ MANIFESTS: dict[str, bytes] = {
     "text": b'"x"',
     "no shards": b'{"format": "saltus-heightmap-dataset-1", "shards": null}',
     "another format": b'{"format": "saltus-heightmap-dataset-0", "shards": []}',
-    "a shard without fields": b'{"format": "saltus-heightmap-dataset-1", "shards": [{"file": "a.h5"}]}',
+    "a shard without fields": b'{"format": "saltus-heightmap-dataset-1", "shards": [{"file": '
+    b'"a.h5"}]}',
 }
 
 

@@ -47,7 +47,10 @@ def test_the_page_runs_and_prints_what_it_says(
 
 
 def test_an_import_loads_nothing_but_the_package_itself() -> None:
-    code = "import sys; before = set(sys.modules); import saltus; print(*sorted(set(sys.modules) - before))"
+    code = (
+        "import sys; before = set(sys.modules); import saltus; "
+        "print(*sorted(set(sys.modules) - before))"
+    )
     loaded = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     ).stdout.split()

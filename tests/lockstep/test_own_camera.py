@@ -21,8 +21,14 @@ from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotSt
 EXAMPLES = Path(__file__).parents[2] / "examples"
 CAMERA, COURSE = str(EXAMPLES / "camera.toml"), str(EXAMPLES / "course.toml")
 ROBOTS = 12  # a run each, one of which is held out
-LOOP = f"--loop.camera {CAMERA} --loop.robots {ROBOTS} --loop.courses 1 --loop.ticks 120 --loop.hardest 0.2"
-NETWORK = "--updates 3 --batch 4 --window 40 --device cpu --model.channels 2 2 2 --model.hidden 16 --model.head 16"
+LOOP = (
+    f"--loop.camera {CAMERA} --loop.robots {ROBOTS} --loop.courses 1 --loop.ticks 120 "
+    "--loop.hardest 0.2"
+)
+NETWORK = (
+    "--updates 3 --batch 4 --window 40 --device cpu --model.channels 2 2 2 --model.hidden "
+    "16 --model.head 16"
+)
 POLICY = "--device cpu --robots 8 --learning.hidden 8 --learning.horizon 2 --iterations 1"
 
 

@@ -263,8 +263,8 @@ def test_an_interruption_saves_and_says_so(program: str, number: int, tmp_path: 
     (line,) = [line for line in said.splitlines() if "interrupted" in line]
     iteration = int(read_checkpoint(out / "checkpoint.pt")["iteration"])
     assert (
-        line
-        == f"interrupted: what was learned until iteration {iteration} is in {out / 'checkpoint.pt'}"
+        line == f"interrupted: what was learned until iteration {iteration} is in "
+        f"{out / 'checkpoint.pt'}"
     )
     assert "Traceback" not in error
 

@@ -63,4 +63,7 @@ def odd_mjcf(keyframe: str = "") -> str:
             com_y=0.03 * side,
         )
         motors += MOTORS.format(leg=leg)
-    return f"{HEAD}{legs}    </body>\n  </worldbody>\n  <actuator>\n{motors}  </actuator>\n{keyframe}</mujoco>\n"
+    return (
+        f"{HEAD}{legs}    </body>\n  </worldbody>\n  <actuator>\n{motors}  "
+        f"</actuator>\n{keyframe}</mujoco>\n"
+    )

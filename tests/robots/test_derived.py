@@ -17,7 +17,10 @@ from saltus.robots.robot import LEGS, Robot
 
 THEIRS = {"FR": "fr", "FL": "fl", "RR": "hr", "RL": "hl"}
 CRAWL = '<keyframe><key name="home" qpos="0 0 .6 1 0 0 0 0 1 -2 0 1 -2 0 1 -2 0 1 -2"/></keyframe>'
-STAND = '<keyframe><key name="stand" qpos="0 0 .6 1 0 0 0 0 .9 1.7 0 .9 1.7 0 .9 1.7 0 .9 1.7"/></keyframe>'
+STAND = (
+    '<keyframe><key name="stand" qpos="0 0 .6 1 0 0 0 0 .9 1.7 0 .9 1.7 0 .9 1.7 0 .9 '
+    '1.7"/></keyframe>'
+)
 
 
 @pytest.fixture(scope="module")

@@ -208,7 +208,10 @@ def test_a_robot_that_speaks_ros_is_given_heights(tmp_path: Path, ros_port: int)
         )
         said = lines_of(bridge)
         assert "can feed the heights" in next(said)
-        wanted = "joints (/joint_states), imu (/imu/data), odometry (/odom), depth (/camera/depth/image_rect_raw)"
+        wanted = (
+            "joints (/joint_states), imu (/imu/data), odometry (/odom), depth "
+            "(/camera/depth/image_rect_raw)"
+        )
         assert next(said) == f"waiting for {wanted}\n"
         later.enter_context(program(str(PEER), str(ros_port), "robot"))
         state, frame = states.wait(PATIENCE_S), frames.wait(PATIENCE_S)

@@ -43,5 +43,8 @@ def test_another_shape_is_refused(call: str) -> None:
 
 
 def test_what_is_deployed_loads_no_checks() -> None:
-    loaded = "import sys, saltus.controller.loop, saltus.effects.chain; assert 'jaxtyping' not in sys.modules"
+    loaded = (
+        "import sys, saltus.controller.loop, saltus.effects.chain; "
+        "assert 'jaxtyping' not in sys.modules"
+    )
     assert python(loaded).returncode == 0

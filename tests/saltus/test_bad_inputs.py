@@ -208,7 +208,8 @@ BAD = {
     "heightmap report folder": "folder",
     "heightmap serve": "--run-dir",
     "heightmap serve --recording folder --assume-level": "folder",
-    "heightmap serve --endpoint x --run-dir missing": "no missing/run.toml, so 'missing' is no folder of a run",
+    "heightmap serve --endpoint x --run-dir missing": "no missing/run.toml, "
+    "so 'missing' is no folder of a run",
     # robots and installation
     "robot show": "a shipped robot",
     "robot show go3": "Saltus ships go1, go2",
@@ -216,7 +217,8 @@ BAD = {
     "robot show junk.xml": "junk.xml",
     "robot show empty.xml": "empty.xml",
     "robot show folder": "there is no folder/robot.toml: put the robot's MJCF there",
-    "robot show modelled": "name its model, modelled/one.xml, or write robot.toml with the line mjcf",
+    "robot show modelled": "name its model, modelled/one.xml, "
+    "or write robot.toml with the line mjcf",
     "robot show two.xml": "'a', 'b' have a free joint each: give a model of the robot alone",
     "robot show held.xml": "add <freejoint/> to it",
     "robot show junk.toml": "junk.toml",
@@ -231,7 +233,8 @@ BAD = {
     "policy eval --plan-delay-s inf": "from 0 to 0.1",
     "policy eval --friction 0": "friction = 0.0: it must be from 0.01 to 5.0",
     "policy eval --push-ns nan": "push_ns = nan: it must be from 0.0 to 100.0",
-    "policy eval --terrain ditch --depth-max-m 0.1": "depth_max_m = 0.1: it must be at least depth_m = 0.4",
+    "policy eval --terrain ditch --depth-max-m 0.1": "depth_max_m = 0.1: "
+    "it must be at least depth_m = 0.4",
     "policy eval --terrain irregular --run-m 0.3": "run_m = 0.3 has no meaning",
     "policy eval --terrain ramp_up --slope-deg 60": "slope_deg = 60.0 is out of range",
     "policy eval --processes 0": "from 1 to 4096",
@@ -273,7 +276,8 @@ BAD = {
     "policy train --learning.desired-kl -0.1": "desired_kl = -0.1",
     "policy train --device cpu --learning.minibatches 100000": "minibatches",
     "policy train --device cpu --env.curriculum.flat 0": "shares",
-    "policy train --device cpu --env.curriculum.own course.toml 0.3": "course.toml is one course, without difficulties",
+    "policy train --device cpu --env.curriculum.own course.toml 0.3": "course.toml is one course, "
+    "without difficulties",
     "policy train --env.randomisation.friction 1.0 0.5": "friction",
     "policy train --env.bounds.low 0 1": "entries",
     "heightmap check": "needs a recording, or --run-dir",
@@ -314,7 +318,8 @@ BAD = {
     # the paper
     "paper stairs": "there is no row 'stairs'",
     "paper staircas": "did you mean 'staircase'?",
-    "paper no-sysid --trained none": "no results in none/full-system: make them with saltus paper train full-system",
+    "paper no-sysid --trained none": "no results in none/full-system: "
+    "make them with saltus paper train full-system",
     "paper no-feedback --trained none": "make them with saltus paper train full-system",
     "paper train": "there is no ablation ''",
     "paper train no-feedbak": "there is no ablation 'no-feedbak'",
@@ -346,7 +351,8 @@ BAD = {
     "real2sim import table.csv --description junk.toml": "not valid TOML",
     "real2sim import table.csv --description unknown.toml": "unknown key 'learning'",
     "real2sim import table.csv --description columns.toml": "'spam'",
-    "real2sim import table.csv --description torque.toml": "unknown key 'columns.torque': choose one of: angle, dq",
+    "real2sim import table.csv --description torque.toml": "unknown key 'columns.torque': "
+    "choose one of: angle, dq",
     "real2sim import table.csv --description columns.toml --robot go3": "Saltus ships go1, go2",
     "real2sim import junk.bag --topics.joint /a": "did you mean '--topics.joints'?",
     "real2sim apply missing.toml --profile mine": "missing.toml",

@@ -79,7 +79,10 @@ def test_the_list_of_commands_says_what_each_says_itself_and_imports_none(
     for name in COMMANDS:
         own = help_of(name, capsys, monkeypatch).split("\n\n")[1]
         assert f" {name} {' '.join(own.split())}" in listed
-    code = "import sys; from saltus.cli.main import main\ntry: main(['--help'])\nexcept SystemExit: print(*sys.modules)"
+    code = (
+        "import sys; from saltus.cli.main import main\ntry: main(['--help'])\nexcept SystemExit: "
+        "print(*sys.modules)"
+    )
     loaded = subprocess.run(
         [sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True
     ).stdout.split()

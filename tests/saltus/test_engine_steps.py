@@ -125,7 +125,8 @@ def test_nobody_else_steps_an_engine() -> None:
         "def f(robots: 'BatchPlant | None'):\n    for _ in 'ab':\n        robots.step(0)",
         "def f():\n    engine = WarpEngine()\n    engine.step()",
         "def make() -> CpuEngine: ...\ndef f():\n    x = make()\n    x.step()",
-        "class A:\n    def __init__(self, e: Engine):\n        self._e = e\n    def f(self):\n        self._e.step()",
+        "class A:\n    def __init__(self, e: Engine):\n        self._e = e\n    def f(self):\n     "
+        "   self._e.step()",
         "def f(plant: Plant):\n    one, two = plant, 0\n    one.step(0)",
         "def f(p: Plant):\n    q = p\n    return [q.step(c) for c in 'ab']",
     ],

@@ -19,7 +19,8 @@ PROJECT = Path(__file__).resolve().parents[2]
 COMMANDS = {
     "demo": "demo --terrain flat --time-limit-s 0.3 --no-video --renderer pyrender",
     "preview": "render preview --terrain flat --out preview",
-    "train": "policy train --device cpu --robots 8 --iterations 1 --evaluate-minutes 0 --out trained",
+    "train": "policy train --device cpu --robots 8 --iterations 1 "
+    "--evaluate-minutes 0 --out trained",
     "collect": "heightmap collect gpu --device cpu --episodes 1 --out data",
 }
 LAST = {"train": "torch", "collect": "kornia.morphology"}

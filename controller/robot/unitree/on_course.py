@@ -22,12 +22,12 @@ from saltus.setup import Setup
 from saltus.wire.messages import GroundTruth
 
 NOT_SIMULATED = (
-    "the robot says states but not the truth about itself: it is no `saltus robot simulate`, and the "
-    "camera of `saltus up` is simulated; a real robot is moved by `saltus robot run`"
+    "the robot says states but not the truth about itself: it is no `saltus robot simulate`, and "
+    "the camera of `saltus up` is simulated; a real robot is moved by `saltus robot run`"
 )
 ELSEWHERE = (
-    "the robot is simulated on another terrain than the run's: give both programs the same --terrain "
-    "and sizes"
+    "the robot is simulated on another terrain than the run's: give both programs the same "
+    "--terrain and sizes"
 )
 
 LAST_TICK = 2**32 - 1

@@ -32,7 +32,10 @@ def card(
     commit: str,
 ) -> str:
     """The card of a model file as Markdown; `commit` says which code trained last."""
-    trained = f"{images / 1e6:.1f} million images, seed {settings.seed}, {parameters:,} parameters, commit {commit}"
+    trained = (
+        f"{images / 1e6:.1f} million images, seed {settings.seed}, {parameters:,} parameters, "
+        f"commit {commit}"
+    )
     rows = list(dict.fromkeys(score.row for score in scores))
     parts = [
         f"# Scan model {model_id}: heights in two dimensions",

@@ -296,4 +296,7 @@ def table_of(scores: list[Score]) -> str:
 def _cell(score: Score | None) -> str:
     if score is None:
         return " " * 24
-    return f"{score.error_mm:6.1f} {100 * score.inside:3.0f}% {score.half_width_mm:5.0f} {100 * score.share:4.0f}%"
+    return (
+        f"{score.error_mm:6.1f} {100 * score.inside:3.0f}% {score.half_width_mm:5.0f} "
+        f"{100 * score.share:4.0f}%"
+    )

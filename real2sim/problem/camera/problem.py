@@ -144,10 +144,16 @@ def _untestable(data: CameraData, counts: CountRows, shift_10ms: Floats) -> dict
     why: dict[str, str] = {}
     moved = float(np.sqrt(np.mean(shift_10ms**2))) if shift_10ms.size else 0.0
     if moved < STILL:
-        reason = f"the scene hardly moves in the images: 10 ms change depth by {moved:.2f} of its noise, below {STILL}"
+        reason = (
+            f"the scene hardly moves in the images: 10 ms change depth by {moved:.2f} of its "
+            f"noise, below {STILL}"
+        )
         why["camera_latency"] = why["temporal_smear"] = reason
     if not np.any(counts.kind == NOISE):
-        reason = f"only {int(np.isfinite(data.difference).sum())} second differences of depth away from edges"
+        reason = (
+            f"only {int(np.isfinite(data.difference).sum())} second differences of "
+            "depth away from edges"
+        )
         why["depth_noise"] = reason
     if not np.any(counts.kind == COPIES):
         why["edge_holes"] = "no segment shows enough left edges of near objects in view"

@@ -49,7 +49,8 @@ NOT_SHOWN = {
     "encoder_quantisation": "drives and log read the same encoder: hold_ladder shows it",
     "velocity_filter": "drives and log read the same velocity: joint_tour shows it",
     "velocity_scale": "drives and log read the same velocity: joint_tour shows it",
-    "end_stop": "moments in which a joint is near its stop are left out: a held robot that leans on it shows it",
+    "end_stop": "moments in which a joint is near its stop are left out: "
+    "a held robot that leans on it shows it",
     "base_roll": "nothing holds the base: a held robot shows it",
     "foot_friction": "the ground's forces are inferred, not simulated: heave_and_pitch shows it",
     "contact_compliance": "the ground's forces are inferred, not simulated: drop shows it",
