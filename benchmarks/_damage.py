@@ -1,4 +1,6 @@
-"""Files of every kind that Saltus opens, each with what reads it, and what chance may do to bytes."""
+"""Files of every kind that Saltus opens, each with what reads it,
+and what chance may do to bytes.
+"""
 
 import hashlib
 import json

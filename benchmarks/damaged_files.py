@@ -84,7 +84,8 @@ class Benchmark(Command):
         counts = {
             name: found.counts[name] for name in ("refused", "read", "raised", "died", "hung")
         }
-        return {"files": first, **counts, "slowest_s": found.slowest_s, "growth_mb": found.growth_mb,
+        return {"files": first, **counts, "slowest_s": found.slowest_s,
+            "growth_mb": found.growth_mb,
                 "peak_mb": found.peak_mb}  # fmt: skip
 
     def _watch(self, kind: str, folder: Path, index: int, first: int, found: "Watched") -> int:
@@ -209,7 +210,9 @@ def _read_all(
 
 
 def outcome_of(sample: SoundFile) -> tuple[str, str]:
-    """Outcome of reading a file: "read", "refused" with the reason, or "raised", which must not be."""
+    """Outcome of reading a file: "read", "refused" with the reason, or "raised",
+    which must not be.
+    """
     try:
         sample.read(sample.path)
     except SaltusError as error:

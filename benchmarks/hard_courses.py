@@ -84,7 +84,8 @@ def _rows() -> dict[str, CourseRow]:
     }
     return {
         **{name: CourseRow(course=course) for name, course in PAPER_COURSES.items()},
-        "stairs 0.20, commands 15 ms late": CourseRow(course=stairs, effects=(CommandDelay(delay=0.015),)),
+        "stairs 0.20, commands 15 ms late": CourseRow(course=stairs,
+            effects=(CommandDelay(delay=0.015),)),
         "stairs 0.20, friction 0.35": CourseRow(course=stairs, friction=0.35),
         "stairs 0.20, soft feet": CourseRow(course=stairs, effects=RUBBER),
         "stairs 0.20, joints resist": CourseRow(

@@ -222,7 +222,9 @@ def with_age_held(model: HeightmapModel, latency_s: float) -> HeightmapModel:
 
 
 def measured(model: Path, runs: int, held_out: dict[str, list[Episode]]) -> dict[str, Any]:
-    """Scores of a network in the loop, with the realistic and an ideal camera, and on shown images."""
+    """Scores of a network in the loop, with the realistic and an ideal camera,
+    and on shown images.
+    """
     table: dict[str, Any] = {
         camera: in_the_loop(model, runs, camera) for camera in _CAMERAS.values()
     }

@@ -130,7 +130,9 @@ def recording(hidden: HiddenCamera, count: int, rng: np.random.Generator) -> lis
 def frames_of(
     camera: StereoCamera, scene: tuple[Any, Any], count: int, rng: np.random.Generator
 ) -> list[DepthFrame]:
-    """Returns what a D435i sends of a scene at rest: depth and what the right imager does not see."""
+    """Returns what a D435i sends of a scene at rest:
+    depth and what the right imager does not see.
+    """
     state = camera.init((), rng)
     frames = []
     for k in range(count):

@@ -48,7 +48,9 @@ class Benchmark(Command):
     """By this pitch and roll are off besides."""
 
     def measure(self) -> dict[str, Any]:
-        """Figures of the network, of the classical map and of flat ground at the camera's height."""
+        """Figures of the network, of the classical map and
+        of flat ground at the camera's height.
+        """
         rows = _rows(self.folder)
         network = ScanNetwork(resource("models/scan.onnx"))
         errors: dict[str, list[Floats]] = {}

@@ -61,7 +61,8 @@ class Benchmark(Command):
             } | {"all": sum(round(1e3 * one.total / seconds) for one in spent.values())},
             "microseconds a call, of zenoh a message": {
                 f"{name}: {part}": round(1e6 * one.parts[part] / calls, 1)
-                for name, one in spent.items() for part, calls in one.calls.items() if part != "waiting"
+                for name, one in spent.items() for part,
+                calls in one.calls.items() if part != "waiting"
             },
         }  # fmt: skip
 

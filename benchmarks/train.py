@@ -75,7 +75,9 @@ def measure(
 
 
 def _iterations(learner: JumpLearner, count: int, device: str) -> tuple[float, float]:
-    """Seconds of collecting and of learning, the mean of `count` iterations after some to warm up."""
+    """Seconds of collecting and of learning,
+    the mean of `count` iterations after some to warm up.
+    """
     collecting = learning = 0.0
     for i in range(count + _WARM_UPS):
         start = _now(device)

@@ -9,8 +9,8 @@ Frame to heightmap: a robot's process and the heightmap service, linked directly
 beside them a consumer that takes heightmaps at a quarter of the rate. Images are sent at fixed
 times, whether answers have come or not. An image counts from before it is published to after the
 heightmap made of it was taken; one whose heightmap never came, or came after that of a later image,
-counts as unanswered and as infinitely late. State to heightmap counts from before the state is published,
-which follows its image. 60,000 images take ten minutes.
+counts as unanswered and as infinitely late. State to heightmap counts from before the state is
+published, which follows its image. 60,000 images take ten minutes.
 
     saltus bench transport -- --count 6000 --robots 8
 

@@ -127,7 +127,9 @@ class StanceLegs:
     def build_qp(
         self, body: YawFrameBody, acceleration: AccelerationPairs, contact: LegFlags
     ) -> StanceQP:
-        """Writes the problem down; `acceleration` (..., 2, 3) and `contact` (..., 4) as elsewhere."""
+        """Writes the problem down; `acceleration` (..., 2, 3)
+        and `contact` (..., 4) as elsewhere.
+        """
         batch = acceleration.shape[:-2]
         rotation = body.base_in_yaw
         lever = (body.foot_base @ self._lever.like(acceleration)).reshape((*batch, 4, 3, 6))

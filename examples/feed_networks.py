@@ -121,7 +121,9 @@ def pooled(
 
 
 def shares(count: int, middle: float, source_count: int, focal: float, centre: float) -> np.ndarray:
-    """How much of each pixel every source pixel covers along one axis, shape (count, source_count)."""
+    """How much of each pixel every source pixel covers along one axis,
+    shape (count, source_count).
+    """
     edges = centre + (np.arange(count + 1) - middle) * focal / FOCAL
     pixel = np.arange(source_count)
     overlap = np.minimum(edges[1:, None], pixel + 1) - np.maximum(edges[:-1, None], pixel)
@@ -179,7 +181,9 @@ class Heights:
 
 
 class Policy:
-    """The motion policy and what it remembers: one object for each time that a robot begins to go."""
+    """The motion policy and what it remembers:
+    one object for each time that a robot begins to go.
+    """
 
     def __init__(self, network: onnxruntime.InferenceSession) -> None:
         self.network = network

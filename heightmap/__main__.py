@@ -1,4 +1,6 @@
-"""Entry point of the heightmap process: one robot, that of run.toml, or those that --robots names."""
+"""Entry point of the heightmap process: one robot,
+that of run.toml, or those that --robots names.
+"""
 
 import argparse
 import contextlib

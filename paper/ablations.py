@@ -235,7 +235,8 @@ def compare(systems: Mapping[str, Mapping[str, Any]], trained: Path) -> Made:
         "stand_in_seed": STAND_IN_SEED,
         "trainings": {system: trainings_of(system, trained) for system in systems},
     }
-    return Made(numbers={system: dict(numbers) for system, numbers in systems.items()}, figure=figure,
+    return Made(numbers={system: dict(numbers) for system, numbers in systems.items()},
+        figure=figure,
                 configuration=configuration)  # fmt: skip
 
 

@@ -67,7 +67,9 @@ def draw_ground(axis: Any, terrain: Terrain, low: float, high: float) -> None:
 
 
 def draw_stance(axis: Any, time_s: Any, rows: Sequence[tuple[str, Any, Any]]) -> None:
-    """Bars of what is to stand (light) and what bears (dark), one row for each name, from the top."""
+    """Bars of what is to stand (light) and what bears (dark),
+    one row for each name, from the top.
+    """
     for place, (_, stands, bears) in enumerate(rows):
         for mask, colour, half in ((stands, "0.8", 0.4), (bears, "tab:red", 0.22)):
             axis.fill_between(

@@ -98,7 +98,9 @@ def step_pitch(effort: Effort) -> Made:
 
 
 def step_and_gap(effort: Effort) -> Made:
-    """One run over the step and one over the gap: predicted heights, the camera's image, the robot."""
+    """One run over the step and one over the gap:
+    predicted heights, the camera's image, the robot.
+    """
     from saltus.grid import HEIGHTMAP_X, LINE
     from saltus.robots.loading import load_robot
     from saltus.robots.shipped import DEFAULT_ROBOT

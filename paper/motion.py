@@ -243,7 +243,9 @@ def no_feedback_deployment(effort: Effort) -> Made:
 
 
 def generalisation(effort: Effort) -> Made:
-    """Ground that no training has: stairs of planks, stairs with noses, several obstacles in a row."""
+    """Ground that no training has: stairs of planks,
+    stairs with noses, several obstacles in a row.
+    """
     ground = {name: make() for name, make in NEW_GROUND.items()}
     settings = [
         Setting(terrain=terrain, true_heights=true)

@@ -118,7 +118,8 @@ def train_network(
             f"no policy of {training.FULL} in {trained}: saltus paper train {training.FULL} --seed "
             f"0 makes one, or {training.BRING_BACK}"
         )
-    work = _Work(data=trained / "data" / f"seed-{seed}", own=trained / name / f"seed-{seed}", seed=seed,
+    work = _Work(data=trained / "data" / f"seed-{seed}", own=trained / name / f"seed-{seed}",
+        seed=seed,
                  teacher=teachers[0], commit=commit, effort=effort or NetworkEffort())  # fmt: skip
     work.own.mkdir(parents=True, exist_ok=True)
     (work.own / COMMIT).write_text(f"{commit or this_commit()}\n", encoding="utf-8")

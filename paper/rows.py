@@ -60,9 +60,18 @@ class Row:
         return _UNTRAINED if self.needs == ABLATION else self.differs
 
 
-_SIMULATED = "ours: MuJoCo, shipped policy and predictor, late images of a D435i with its errors, what trials draw"
-_TRAINED = "ours: MuJoCo, policies of 250 million steps, shipped predictor, late images of a D435i with its errors"
-_ALL = "ours: MuJoCo, what was trained for the row of each system, late images of a D435i with its errors"
+_SIMULATED = (
+    "ours: MuJoCo, shipped policy and predictor, late images of a D435i with its errors, "
+    "what trials draw"
+)
+_TRAINED = (
+    "ours: MuJoCo, policies of 250 million steps, shipped predictor, "
+    "late images of a D435i with its errors"
+)
+_ALL = (
+    "ours: MuJoCo, what was trained for the row of each system, "
+    "late images of a D435i with its errors"
+)
 _SEEING = (
     "ours: MuJoCo, a policy of 250 million steps, networks of the same data, late images of a D435i"
 )
@@ -114,8 +123,10 @@ ROWS: tuple[Row, ...] = (
         name="camera-latency", where="Fig. 6b", make="sysid.camera_latency",
         shows="The body heaves; its height in depth images follows that from joint angles late.",
         numbers=(
-            Number(what="latency", paper="about 50 ms", source="real robot", ours="lag_of_heights_ms", unit="ms"),
-            Number(what="latency, as found by real2sim", paper="about 50 ms", source="real robot", ours="found_ms",
+            Number(what="latency", paper="about 50 ms", source="real robot",
+                ours="lag_of_heights_ms", unit="ms"),
+            Number(what="latency, as found by real2sim", paper="about 50 ms", source="real robot",
+                ours="found_ms",
                    unit="ms"),
         ),
         trial="ours: 50 ms hidden in a simulated robot and found in its log",
@@ -125,12 +136,15 @@ ROWS: tuple[Row, ...] = (
         shows="One framework is the fastest on stairs and stones and equals the best on one "
               "step and one gap.",
         numbers=(
-            Number(what="stairs, greatest speed", paper="1 m/s", source="real robot", ours="stairs.speed_mps.most",
+            Number(what="stairs, greatest speed", paper="1 m/s", source="real robot",
+                ours="stairs.speed_mps.most",
                    unit="m/s"),
             Number(what="stepping stones, greatest speed", paper="1.4 m/s", source="real robot",
                    ours="stepping stones.speed_mps.most", unit="m/s"),
-            Number(what="successes on a step of 0.60 m", paper="its highest", source="real robot", ours="step.success"),
-            Number(what="successes on a gap of 0.80 m", paper="its widest", source="real robot", ours="gap.success"),
+            Number(what="successes on a step of 0.60 m", paper="its highest", source="real robot",
+                ours="step.success"),
+            Number(what="successes on a gap of 0.80 m", paper="its widest", source="real robot",
+                ours="gap.success"),
             Number(what="stairs, walking (Egocentric Vision, A1)", paper="0.46 m/s", source="other "
                                                                                             "robots"),
             Number(what="step, gap (Robot Parkour, A1)", paper="0.4 m, 0.6 m", source="other "
@@ -145,10 +159,13 @@ ROWS: tuple[Row, ...] = (
         name="staircase", where="Sec. VIII-B, Fig. 1a", make="motion.staircase", trial=_SIMULATED,
         shows="14 stairs, 3.5 m long and 2.8 m high, in one go, mostly two stairs a jump.",
         numbers=(
-            Number(what="time", paper="4.5 s", source="real robot", ours="time_over_it_s.median", unit="s"),
-            Number(what="horizontal speed", paper="0.8 m/s", source="real robot", ours="horizontal_mps.median",
+            Number(what="time", paper="4.5 s", source="real robot", ours="time_over_it_s.median",
+                unit="s"),
+            Number(what="horizontal speed", paper="0.8 m/s", source="real robot",
+                ours="horizontal_mps.median",
                    unit="m/s"),
-            Number(what="vertical speed", paper="0.6 m/s", source="real robot", ours="vertical_mps.median",
+            Number(what="vertical speed", paper="0.6 m/s", source="real robot",
+                ours="vertical_mps.median",
                    unit="m/s"),
             Number(what="jumps", paper="8", source="real robot", ours="jumps.median"),
         ),
@@ -159,7 +176,8 @@ ROWS: tuple[Row, ...] = (
         name="stones", where="Sec. VIII-B, Fig. 1b", make="motion.stones", trial=_SIMULATED,
         shows="Stepping stones, one gap a jump, in less than two seconds.",
         numbers=(
-            Number(what="time", paper="less than 2 s", source="real robot", ours="time_over_it_s.median", unit="s"),
+            Number(what="time", paper="less than 2 s", source="real robot",
+                ours="time_over_it_s.median", unit="s"),
             Number(what="jumps", paper="one a gap", source="real robot", ours="jumps.median"),
         ),
         differs="The paper does not say how long its course is; ours is 6.9 m: stones of 0.5 m, "
@@ -259,25 +277,30 @@ ROWS: tuple[Row, ...] = (
         shows="Without both: well in simulation; too fast, and into the edges of stairs, "
               "on the robot.",
         numbers=_on_stairs("no-sysid", "all", "not all"),
-        differs="Ours fails in simulation already: there images are late and motors saturate, whatever was trained.",
+        differs="Ours fails in simulation already: there images are late and motors saturate, "
+                "whatever was trained.",
     ),
     Row(
         name="imitation", where="Fig. 10, Sec. VIII-E", needs=ABLATION, trial=_SEEING,
-        shows="Actions learned from depth without a heightmap: no more than two stairs on the robot.",
+        shows="Actions learned from depth without a heightmap: "
+              "no more than two stairs on the robot.",
         numbers=_on_stairs("imitation", "all", "2 at most"),
-        differs="Ours learns from the predictor's data. On the stand-in it climbs 3.6 steps on average, and all in one "
-        "of 100 trials.",
+        differs="Ours learns from the predictor's data. On the stand-in it climbs 3.6 steps on "
+        "average, and all in one of 100 trials.",
     ),
     Row(
         name="predictor-rounds", where="Sec. IV-A, VIII-A", needs=ABLATION, trial=_SEEING,
-        shows="The predictor learns from data of its own roll-outs, round after round: 30 of 5,000 pairs each.",
-        differs="Ours are 3 rounds of 2.4 million pairs; in the first the robots are driven with true heights.",
+        shows="The predictor learns from data of its own roll-outs, round after round: "
+              "30 of 5,000 pairs each.",
+        differs="Ours are 3 rounds of 2.4 million pairs; "
+                "in the first the robots are driven with true heights.",
     ),
     Row(
         name="learning-curves", where="Sec. VIII-A", needs=ABLATION,
         make="learning_curves.learning_curves",
         shows="The policy takes 8,000 iterations, 7 hours on one RTX 4090; the predictor one hour.",
-        differs="Ours are of the full system's policies, 250 million steps each, and of the networks that see.",
+        differs="Ours are of the full system's policies, 250 million steps each, and of the "
+                "networks that see.",
     ),
     Row(
         name="transfer", where="Fig. 10", needs=ABLATION, trial=_ALL,

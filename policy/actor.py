@@ -86,7 +86,9 @@ class PolicyActor:
 
 
 def _check(robot: Robot, grid: HeightGrid, file: ModelFile) -> None:
-    """Refuses a policy that was made for other features, actions or limits than this program has."""
+    """Refuses a policy that was made for other features,
+    actions or limits than this program has.
+    """
     expected = {"format": FORMAT, "features": layout(grid), "actions": list(ACTIONS)}
     for name, value in expected.items():
         found = file.field(name)

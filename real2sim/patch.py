@@ -229,7 +229,9 @@ def _with(profile: Profile, robot: Robot, found: FoundEffect, reach: Applicabili
 
 
 def _values(effect: Effect, found: FoundEffect) -> dict[str, Any]:
-    """Parameters of an effect after a finding, for all joints or for those that the finding names."""
+    """Parameters of an effect after a finding,
+    for all joints or for those that the finding names.
+    """
     known = {f.name: f.metadata for f in fields(effect) if "low" in f.metadata}
     values: dict[str, Any] = {}
     for name, interval in found.params.items():

@@ -19,7 +19,9 @@ what a log shows."""
 
 
 class RebasedProblem(WrappedProblem):
-    """`inner`, whose simulator has no effects, with unknowns that are 0 at the values of a profile."""
+    """`inner`, whose simulator has no effects,
+    with unknowns that are 0 at the values of a profile.
+    """
 
     def __init__(self, inner: Problem, profile: Profile) -> None:
         self._bare, self._profile = inner, profile

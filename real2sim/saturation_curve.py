@@ -1,4 +1,6 @@
-"""A saturation told in full: delivered torque at several commands, as a dynamometer would give it."""
+"""A saturation told in full: delivered torque at several commands,
+as a dynamometer would give it.
+"""
 
 from dataclasses import dataclass, replace
 

@@ -82,8 +82,10 @@ def _side(bracket: Bracket, origin: Point) -> list[str]:
         _size(at_lens, corner, f"{lens[2] - bracket.top:.1f}", (35.0, 0.0)),
         _size(origin, corner, f"{lens[0] - bracket.front:.1f}", (0.0, 35.0)),
         _size(behind, ahead, f"{BASE_MM[0]:g}", (0.0, 60.0)),
-        _text((30.0, 40.0), f"{bracket.robot.name}, from its right side: camera {pitch:.1f} degrees nose down"),
-        _text((30.0, 60.0), f"dot: left imager, {IMAGER_BEHIND_MM:g} behind the glass; plates {PLATE_MM:g} thick"),
+        _text((30.0, 40.0), f"{bracket.robot.name}, from its right side: "
+                            f"camera {pitch:.1f} degrees nose down"),
+        _text((30.0, 60.0), f"dot: left imager, {IMAGER_BEHIND_MM:g} behind the glass; plates "
+                            f"{PLATE_MM:g} thick"),
         _text((30.0, 80.0), "dashed: camera and trunk; all lengths in mm"),
     ]  # fmt: skip
 

@@ -94,7 +94,9 @@ def draw_camera(
 
 
 def _seen(robot: Robot, terrain: Terrain, camera: DepthCamera, pose: Poses) -> tuple[Depth, Depth]:
-    """An image of a camera that has stood still for a while, and what the network gets of it [m]."""
+    """An image of a camera that has stood still for a while,
+    and what the network gets of it [m].
+    """
     optics = Optics.behind(camera.image, camera)
     pair = StereoEmbree(terrain, optics, RobotCamera.on(robot, camera.image)).render_pair(*pose)
     depth = camera.in_range(settled(StereoConfig.of(camera), optics, *pair))

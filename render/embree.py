@@ -1,4 +1,6 @@
-"""Back end on Embree (open3d): rays against the terrain's triangles, exact capsules for the legs."""
+"""Back end on Embree (open3d): rays against the terrain's triangles,
+exact capsules for the legs.
+"""
 
 import os
 import threading

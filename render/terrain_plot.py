@@ -1,4 +1,6 @@
-"""A picture of a terrain from above: heights as colours, lit from the side, with a scale in metres."""
+"""A picture of a terrain from above: heights as colours,
+lit from the side, with a scale in metres.
+"""
 
 from pathlib import Path
 

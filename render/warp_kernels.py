@@ -99,7 +99,9 @@ class WarpScene:
 def turned_entry(
     scene: WarpScene, row: int, i: int, origin: wp.vec3f, direction: wp.vec3f
 ) -> wp.vec2f:
-    """`box_span` of a box that may be turned about its centre; `turn` is empty where all are level."""
+    """`box_span` of a box that may be turned about its centre;
+    `turn` is empty where all are level.
+    """
     low, high = scene.low[row, i], scene.high[row, i]
     if scene.turn.shape[0] > 0:
         back = wp.transpose(scene.turn[row, i])

@@ -1,4 +1,6 @@
-"""Constants of every robot: the rates at which time goes on, gravity, and a number of statistics."""
+"""Constants of every robot: the rates at which time goes on,
+gravity, and a number of statistics.
+"""
 
 PHYSICS_DT = 0.002
 """Period of physics and leg controller [s]: 500 Hz."""

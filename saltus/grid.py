@@ -51,7 +51,9 @@ class HeightGrid(Value):
         return len(self.x) * len(self.y)
 
     def equals(self, other: "HeightGrid") -> bool:
-        """True where the points are the same, but for rounding of numbers that went through text."""
+        """True where the points are the same,
+        but for rounding of numbers that went through text.
+        """
         sides = ((self.x, other.x), (self.y, other.y))
         return all(
             len(a) == len(b) and np.allclose(a, b, rtol=0.0, atol=_ROUNDING_M) for a, b in sides

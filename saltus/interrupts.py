@@ -34,7 +34,9 @@ class _Whole:
             raise late
 
     def interrupt(self, error: BaseException) -> None:
-        """Raises an error in a signal's handler: now, or when the work that is under way is done."""
+        """Raises an error in a signal's handler:
+        now, or when the work that is under way is done.
+        """
         if self._depth == 0:
             raise error
         self._late = self._late or error

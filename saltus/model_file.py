@@ -85,7 +85,9 @@ class ModelFile:
 
     @property
     def grid(self) -> HeightGrid:
-        """The grid that it states (`saltus.grid.grid_metadata`); `ModelError` where that is none."""
+        """The grid that it states (`saltus.grid.grid_metadata`);
+        `ModelError` where that is none.
+        """
         try:
             aside = {"grid_y_m": self.field("grid_y_m")} if "grid_y_m" in self.metadata else {}
             return stated_grid({"grid_m": self.field("grid_m"), **aside})

@@ -34,8 +34,8 @@ def write_onnx(
 
     Arguments and results of its `forward`, named by `inputs` and `outputs`, have a leading
     dimension of robots. Metadata say what the file is; values become JSON. Weights whose names
-    begin with `half_prefix` are kept in half precision, which halves them; they are computed with in
-    single precision.
+    begin with `half_prefix` are kept in half precision, which halves them; they are computed with
+    in single precision.
 
     Raises:
         ModelError: the file cannot be written.

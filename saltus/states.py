@@ -127,7 +127,9 @@ class RobotStates(Sensed):
 def states_of(
     measurement: Measurement, estimate: StateEstimate, schedule: Schedule, step: int = 0
 ) -> RobotStates:
-    """Puts together what sensors, estimator and gait know of the same robots at the same instant."""
+    """Puts together what sensors, estimator and gait know
+    of the same robots at the same instant.
+    """
     return RobotStates(
         quaternion_base_in_world=measurement.quaternion_base_in_world,
         angular_velocity_base=measurement.angular_velocity_base,

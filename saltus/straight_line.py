@@ -137,7 +137,8 @@ class _Result:
         self.kinds[kind.__name__] = kind
         if not is_dataclass(value):
             return f"{kind.__name__}.{value.name}" if isinstance(value, Enum) else repr(value)
-        return f"{kind.__name__}({', '.join(f'{f.name}={self.text(getattr(value, f.name))}' for f in fields(value))})"
+        named = (f"{each.name}={self.text(getattr(value, each.name))}" for each in fields(value))
+        return f"{kind.__name__}({', '.join(named)})"
 
     def _array(self, array: Symbols) -> str:
         entries = array.entries.reshape(-1).tolist()

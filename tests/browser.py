@@ -137,7 +137,8 @@ def browser(width: int = 1280, height: int = 800) -> Iterator[Tab]:
     program = shutil.which(PROGRAM)
     assert program, f"tests of the page need {PROGRAM}: tools/libraries.sh tests"
     with tempfile.TemporaryDirectory() as profile, subprocess.Popen(
-        [program, *FLAGS, f"--window-size={width},{height}", f"--user-data-dir={profile}", "about:blank"],
+        [program, *FLAGS, f"--window-size={width},{height}", f"--user-data-dir={profile}",
+            "about:blank"],
         stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, start_new_session=True,
     ) as process:  # fmt: skip
         try:

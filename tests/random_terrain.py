@@ -22,7 +22,9 @@ def random_terrain(seed: int) -> Terrain:
 
 
 def places(terrain: Terrain, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Where a small step to any side changes the height by little: at an edge either side is right."""
+    """Where a small step to any side changes the height by little:
+    at an edge either side is right.
+    """
     rng = np.random.default_rng(seed)
     x, y = rng.uniform(*REACH_X, 4 * count), rng.uniform(*REACH_Y, 4 * count)
     step = 1e-4

@@ -77,7 +77,8 @@ def write_database(
     types = ROS2.types
     rows: list[tuple[str, int, Any]] = [
         ("/file_version", 0, types["std_msgs/msg/UInt32"](4)),
-        ("/device_0/sensor_0/option/Depth_Units/value", 0, types["std_msgs/msg/String"](f"{unit_m:f}")),
+        ("/device_0/sensor_0/option/Depth_Units/value", 0,
+            types["std_msgs/msg/String"](f"{unit_m:f}")),
         (f"{STREAM}/info", 0, types["std_msgs/msg/String"]("encoding=Z16;fps=30")),
         (f"{STREAM}/camera_info", 0, types["std_msgs/msg/String"](
             f"width={WIDTH};height={HEIGHT};fx={FOCAL_PX};ppx={WIDTH / 2 - 0.5};fy={FOCAL_PX};ppy={HEIGHT / 2 - 0.5};"

@@ -124,7 +124,8 @@ def put_odometry(bag: RosBag, time_s: float, row: np.ndarray) -> None:
     bag.put(
         "/odom", "nav_msgs/msg/Odometry", time_s, child_frame_id="trunk",
         pose=bag.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
-        twist=bag.make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=np.zeros(36)),
+        twist=bag.make("geometry_msgs/msg/TwistWithCovariance", twist=twist,
+            covariance=np.zeros(36)),
     )  # fmt: skip
 
 

@@ -144,7 +144,8 @@ def robot(port: int) -> None:
         publishers["/odom"].publish(
             header=head, child_frame_id="base_link",
             pose=make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
-            twist=make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=np.zeros(36)),
+            twist=make("geometry_msgs/msg/TwistWithCovariance", twist=twist,
+                covariance=np.zeros(36)),
         )  # fmt: skip
         time.sleep(0.02)
 

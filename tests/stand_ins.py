@@ -1,4 +1,6 @@
-"""Stand-ins for camera, heightmap service and planner of a controller process, over a memory bus."""
+"""Stand-ins for camera, heightmap service and planner of a controller process,
+over a memory bus.
+"""
 
 import threading
 from contextlib import contextmanager

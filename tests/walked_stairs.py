@@ -66,7 +66,8 @@ def carried(setup: Setup, grid: HeightGrid, steps: int) -> Iterator[Tick]:
         state = replace(
             standing_state(robot), time_ns=step * STEP_NS, step=step,
             quaternion_base_in_world=quaternion,
-            angular_velocity_base=np.array([0.0, (_slope(setup, step + 1)[0] - pitch) / STEP_S, 0.0]),
+            angular_velocity_base=np.array([0.0, (_slope(setup, step + 1)[0] - pitch) / STEP_S,
+                0.0]),
             joint_position=joints[step][0], velocity_base_in_world=velocity,
             leg_trusted=joints[step][1],
             depth_due=due,

@@ -320,7 +320,9 @@ def _beside_edges(true: Floats, width: float, rng: np.random.Generator) -> np.nd
 
 
 def _filled(depth: Floats, reach: float, rng: np.random.Generator) -> Floats:
-    """Invalid pixels take the value of the nearest valid one at their left, if that is near enough."""
+    """Invalid pixels take the value of the nearest valid one at their left,
+    if that is near enough.
+    """
     if reach <= 0:
         return depth
     column = np.arange(depth.shape[2])

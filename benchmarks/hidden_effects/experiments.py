@@ -58,7 +58,8 @@ LARGE_STEPS, LARGEST_STEPS = _levels(0.5, -0.5, hold_s=0.5), _levels(0.95, -0.95
 JUMPS = (SMALL_STEPS, SMALLER_STEPS, LARGE_STEPS, LARGEST_STEPS)
 JOINTS: dict[str, tuple[dict[str, Motion], float]] = {
     "joint_tour": (
-        {"chirp": motions.linear_chirp, "slow": _triangle(1), "step": LARGE_STEPS, "hold": motions.hold_ladder}, 32.0
+        {"chirp": motions.linear_chirp, "slow": _triangle(1), "step": LARGE_STEPS,
+            "hold": motions.hold_ladder}, 32.0
     ),
     "joint_chirp": ({"chirp": motions.linear_chirp, "log chirp": motions.log_chirp}, 24.0),
     "joint_chirp_kp2": ({"chirp": motions.linear_chirp, "log chirp": motions.log_chirp}, 24.0),

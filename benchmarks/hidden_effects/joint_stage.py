@@ -12,7 +12,9 @@ from benchmarks.hidden_effects.tables import RunFiles, claim, joint_columns
 
 
 class JointStage(Stage):
-    """One leg stands for all in what is measured of effects: the others are the same leg mirrored."""
+    """One leg stands for all in what is measured of effects:
+    the others are the same leg mirrored.
+    """
 
     def __init__(self, run: Run, tuning: bool) -> None:
         self._rng = np.random.default_rng(run.seed + 1)

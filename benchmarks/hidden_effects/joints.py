@@ -84,7 +84,9 @@ class JointScene(Scene):
     def perform(
         self, command: Floats, segments: tuple[motions.Segment, ...], stiffer: float
     ) -> None:
-        """Has the same robot do something else, with other gains, within what its drives can give."""
+        """Has the same robot do something else, with other gains,
+        within what its drives can give.
+        """
         kp, kd = (stiffer * self.rig.kp).round(2), (np.sqrt(stiffer) * self.rig.kd).round(3)
         rig = replace(self.rig, command=command, kp=kp, kd=kd)
         torque = np.abs(simulate(rig, [Hidden()])[0][..., 2]).max(axis=0)

@@ -68,7 +68,8 @@ CONFUSABLE: dict[Kind, tuple[tuple[str, str], ...]] = {
         ("edge_holes", "hole_fill"),
         ("frame_drop", "camera_latency"), ("depth_noise", "depth_bias"),
     ),
-    "body": (("payload_mass", "com_offset"), ("payload_mass", "contact_compliance"), ("com_offset", "base_inertia")),
+    "body": (("payload_mass", "com_offset"), ("payload_mass", "contact_compliance"),
+        ("com_offset", "base_inertia")),
     "imu": (("imu_bias", "imu_latency"),),
 }  # fmt: skip
 TUNING_OUTSIDE: dict[Kind, tuple[str, ...]] = {
@@ -192,7 +193,9 @@ def _run(
 
 
 def _told(run: Run, deck: _Deck) -> Run:
-    """A run of `pairs_and_play`: effects of three sigmas or more, and play of a width of its own."""
+    """A run of `pairs_and_play`: effects of three sigmas or more,
+    and play of a width of its own.
+    """
     if run.category == "play":
         width = float(str(deck.deal("width", cards=WIDTHS)))
         return replace(

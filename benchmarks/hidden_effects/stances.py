@@ -15,7 +15,9 @@ Stance = Callable[[Floats, Floats, np.random.Generator], Floats]
 
 
 def _legs(hip: Floats, fold: Floats, swing: Floats) -> Floats:
-    """Offsets of joints from those of abduction, of folding (body down) and of swing, each (n, 4)."""
+    """Offsets of joints from those of abduction,
+    of folding (body down) and of swing, each (n, 4).
+    """
     return np.stack([hip, fold + swing, -2 * fold], axis=-1).reshape(len(hip), 12)
 
 

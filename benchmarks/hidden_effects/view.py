@@ -42,7 +42,9 @@ class Path:
         )  # type: ignore[return-value]
 
     def shake(self, time_s: Floats) -> Floats:
-        """Vertical acceleration and that of pitch, smoothed over 25 ms, in parts of their largest."""
+        """Vertical acceleration and that of pitch,
+        smoothed over 25 ms, in parts of their largest.
+        """
         step = self.time_s[1] - self.time_s[0]
         total = np.zeros_like(self.time_s)
         for values in (self.z, self.pitch):

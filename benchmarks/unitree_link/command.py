@@ -51,7 +51,9 @@ END_S = 60.0
 
 
 def own_domain() -> int:
-    """A DDS domain by the number of this process, so that others beside it are in others: 2 to 231."""
+    """A DDS domain by the number of this process,
+    so that others beside it are in others: 2 to 231.
+    """
     return 2 + os.getpid() % 230
 
 
@@ -108,7 +110,7 @@ class Benchmark(Command):
         ours: list[Floats] = []
         with tempfile.TemporaryDirectory() as name:
             peer, rival = (compiled(Path(name), each) for each in ("peer", "client"))
-            # Each of our turns ends with one that damps; the peer need not wait for the last of them
+            # Each of our turns ends with one that damps; the peer does not wait for the last
             wanted = str(self.rounds * (2 * count + 1) - 1)
             with subprocess.Popen(
                 [str(peer), domain, wanted],

@@ -51,7 +51,9 @@ def hidden(number: int, seed: int) -> tuple[str, dict[str, Any]]:
 
 
 def found(number: int, seed: int, out: Path, domain: int) -> dict[str, Any]:
-    """Hides the effect of a log, makes the log where it is not there yet, and looks for the effect."""
+    """Hides the effect of a log, makes the log where it is not there yet,
+    and looks for the effect.
+    """
     effect, parameters = hidden(number, seed)
     folder = out / f"{seed}_{number:02d}"
     log, names = folder / "log.mcap", folder / "run_log"

@@ -49,7 +49,9 @@ class CourseRobot(RobotBackend):
 
     @property
     def fault(self) -> str:
-        """Reason for which the robot was given up and is damped, in words; empty while it is not."""
+        """Reason for which the robot was given up and is damped, in words;
+        empty while it is not.
+        """
         return ""
 
     @abstractmethod

@@ -12,7 +12,9 @@ from saltus.wire.messages import GroundTruth
 
 
 class MujocoRobot(CourseRobot):
-    """One robot in MuJoCo, with the hardware of its trial, whose drives may be compiled (`Plant`)."""
+    """One robot in MuJoCo, with the hardware of its trial,
+    whose drives may be compiled (`Plant`).
+    """
 
     def __init__(self, setup: Setup, *, compiled: bool = False) -> None:
         self.terrain, self._grid = setup.terrain, setup.grid

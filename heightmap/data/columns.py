@@ -33,18 +33,23 @@ class Column:
 def columns_of(grid: HeightGrid) -> tuple[Column, ...]:
     """The columns of a table of heights on a grid, a line of points ahead of the base."""
     return (
-        Column("observation.state", _VECTOR, "float32", (len(PROPRIOCEPTION),), "what the robot knows of itself: "
+        Column("observation.state", _VECTOR, "float32", (len(PROPRIOCEPTION),),
+            "what the robot knows of itself: "
                "angles [rad], positions [m], velocities [m/s, rad/s], in the yaw frame",
                PROPRIOCEPTION),
-        Column("observation.depth", _IMAGE, "uint16", (48, 16), "newest depth image [mm], along the optical axis; 0 "
+        Column("observation.depth", _IMAGE, "uint16", (48, 16),
+            "newest depth image [mm], along the optical axis; 0 "
                "is invalid, 65535 nothing within range"),
-        Column("observation.depth_age", pa.float32(), "float32", (1,), "time since it was taken [s]; -1 before the "
+        Column("observation.depth_age", pa.float32(), "float32", (1,),
+            "time since it was taken [s]; -1 before the "
                "first"),
-        Column("label.height", _VECTOR, "float32", (grid.size,), "true heights relative to the base [m], at these x "
+        Column("label.height", _VECTOR, "float32", (grid.size,),
+            "true heights relative to the base [m], at these x "
                "ahead of it along its yaw [m]", tuple(f"{x:.4f}" for x in grid.x)),
         Column("timestamp", pa.float32(), "float32", (1,), "time since the episode began [s]"),
         Column("frame_index", pa.int64(), "int64", (1,), "tick of the episode"),
-        Column("episode_index", pa.int64(), "int64", (1,), "one robot, one run, without interruption"),
+        Column("episode_index", pa.int64(), "int64", (1,),
+            "one robot, one run, without interruption"),
         Column("index", pa.int64(), "int64", (1,), "row"),
         Column("task_index", pa.int64(), "int64", (1,), "kind of terrain, see meta/tasks.parquet"),
     )  # fmt: skip

@@ -63,11 +63,14 @@ class DeviceCameras:
         self._views = {
             name: _WarpBatch(
                 courses,
-                RobotCamera.on(self._robot, MODEL_CAMERA if kind.ideal else SAMPLED).moved(self._view),
-                Optics.behind(SAMPLED, kind), device,
+                RobotCamera.on(self._robot, MODEL_CAMERA if kind.ideal else SAMPLED).moved(
+                    self._view
+                ),
+                Optics.behind(SAMPLED, kind),
+                device,
             )
             for name, kind in cameras.items()
-        }  # fmt: skip
+        }
         self.replace(rng)
 
     def replace(self, rng: np.random.Generator) -> None:

@@ -146,7 +146,9 @@ class DeviceRollouts:
         return heights
 
     def _add_plans(self, tick: int, shown: Tensor) -> None:
-        """Adds the policy's plans where it sees the ground as it is, whatever the robots are shown."""
+        """Adds the policy's plans where it sees the ground as it is,
+        whatever the robots are shown.
+        """
         exact = shown.clone()
         exact[:, self._heights_at] = self._true_heights()
         plan = self._env.config.bounds.normalised(self._policy(exact))

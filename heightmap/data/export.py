@@ -220,7 +220,8 @@ def croissant(records: list[ShardRecord]) -> dict[str, object]:
         "@context": _CONTEXT,
         "@type": "sc:Dataset",
         "name": "saltus-depth-to-heights",
-        "description": f"Noisy depth images of a robot ({robot_name_in(records[0].config)}) that jumps over stairs, "
+        "description": f"Noisy depth images of a robot ({robot_name_in(records[0].config)}) "
+                       "that jumps over stairs, "
         "stones and gaps, what it knows of itself, and the true heights ahead of it, simulated by "
         "Saltus; 100 rows a "
         "second.",
@@ -236,7 +237,8 @@ def croissant(records: list[ShardRecord]) -> dict[str, object]:
             },
         ],
         "recordSet": [
-            {"@type": "cr:RecordSet", "@id": "ticks", "name": "ticks", "description": "One row for each 10 ms.",
+            {"@type": "cr:RecordSet", "@id": "ticks", "name": "ticks",
+                "description": "One row for each 10 ms.",
              "field": fields},
         ],
     }  # fmt: skip

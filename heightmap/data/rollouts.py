@@ -1,4 +1,6 @@
-"""Turns the motion of robots into episodes to train on: proprioception, images, and true heights."""
+"""Turns the motion of robots into episodes to train on:
+proprioception, images, and true heights.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -32,7 +34,9 @@ CHUNK = 64
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trajectory:
-    """One robot's motion on one terrain, one row per tick of 10 ms: the truth, and proprioception."""
+    """One robot's motion on one terrain, one row per tick of 10 ms:
+    the truth, and proprioception.
+    """
 
     terrain: Terrain
     position_base_in_world: Floats
@@ -145,7 +149,9 @@ class _Recorded:
         return np.stack([seen[kind][min(number, len(seen[kind]) - 1)] for seen in self._seen])
 
     def film(self, eyes: Eyes) -> Iterator[tuple[NDArray[np.uint16], NDArray[np.int32]]]:
-        """All images of each robot that were not lost [mm], and the ticks at which they were taken."""
+        """All images of each robot that were not lost [mm],
+        and the ticks at which they were taken.
+        """
         nobody, ticks = np.zeros(len(self._ticks), np.bool_), max(self._ticks, key=len)
         given = [eyes.expose(i, int(tick), nobody) for i, tick in enumerate(ticks)]
         images = np.stack([each.depth for each in given if each is not None], axis=1)

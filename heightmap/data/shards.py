@@ -181,7 +181,9 @@ def _said_in_one_line(path: Path) -> Iterator[None]:
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Ctrl-C waits for the end of what is done within: what it would cut in two could not be kept."""
+    """Ctrl-C waits for the end of what is done within:
+    what it would cut in two could not be kept.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return

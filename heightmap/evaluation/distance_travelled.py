@@ -44,7 +44,9 @@ class DistanceTravelled:
 
 
 def way_figures(ways: Sequence[DistanceTravelled]) -> dict[str, float]:
-    """Median distance [m], edges that a robot met and could meet (means), share of ways that tell."""
+    """Median distance [m], edges that a robot met and could meet (means),
+    share of ways that tell.
+    """
     return {
         "distance_m": float(np.median([way.distance_m for way in ways])),
         "edges_met": float(np.mean([way.edges for way in ways])),

@@ -1,4 +1,6 @@
-"""One HTML file, and the same as numbers, about the errors of predicted heights in recorded runs."""
+"""One HTML file, and the same as numbers, about the errors
+of predicted heights in recorded runs.
+"""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -246,12 +248,16 @@ def _summaries(report: ErrorReport) -> list[tuple[str, ...]]:
                 if c.predictor == name and run in (None, c.run)
             ]
             cells = (
-                *(centimetres(numbers[f"{key}_m"]) for key in ("mae", "mae_visible", "mae_remembered", "edge_error")),
+                *(
+                    centimetres(numbers[f"{key}_m"])
+                    for key in ("mae", "mae_visible", "mae_remembered", "edge_error")
+                ),
                 f"{rounded(100 * numbers['edges_found'], 0)} % of {numbers['edges']}",
                 str(numbers["edges_false"]),
-                f"{rounded(100 * numbers['coverage90'], 1)} %", rounded(numbers["nll"], 2),
+                f"{rounded(100 * numbers['coverage90'], 1)} %",
+                rounded(numbers["nll"], 2),
                 f"{100 * np.mean(shares):.0f} %",
-            )  # fmt: skip
+            )
             rows.append((run or "all runs", name, *cells))
     return rows
 

@@ -66,8 +66,8 @@ def group_figure(
             name=name,
             marker={"color": colour},
             customdata=[[100 * row.p90_m, 100 * row.bias_m, row.count] for row in rows],
-            hovertemplate="%{y:.2f} cm; 90 % below %{customdata[0]:.2f} cm; bias %{customdata[1]:+.2f} cm; "
-            "%{customdata[2]} points",
+            hovertemplate="%{y:.2f} cm; 90 % below %{customdata[0]:.2f} cm; bias "
+            "%{customdata[1]:+.2f} cm; %{customdata[2]} points",
         )
     if not any(row.detail for of in errors.values() for row in rows_of(of)):
         figure.update_xaxes(type="category")

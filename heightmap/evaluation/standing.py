@@ -237,7 +237,8 @@ def _precision(off: Floats, ok: list[Heightmap]) -> Iterator[Finding]:
         yield Finding(
             name="heights", measured="no point of the grid was ever in an image", wanted="some",
             good=False,
-            cure="where does the camera look? its TOML says where it sits (saltus render calibrate)", values={},
+            cure="where does the camera look? its TOML says where it sits (saltus "
+                 "render calibrate)", values={},
         )  # fmt: skip
         return
     by_point = np.nanmean(np.where(seen, np.abs(off), np.nan)[:, points], axis=0)
@@ -247,7 +248,8 @@ def _precision(off: Floats, ok: list[Heightmap]) -> Iterator[Finding]:
     half = float(np.median(np.array([heights.half_width_90 for heights in ok])[seen]))
     yield Finding(
         name="heights",
-        measured=f"{MM * by_point.mean():.1f} mm off the ground{share}, at most {MM * by_point.max():.1f} at {where}",
+        measured=f"{MM * by_point.mean():.1f} mm off the ground{share}, at most "
+                 f"{MM * by_point.max():.1f} at {where}",
         wanted=f"{MM * most_off:.0f} mm on average",
         good=bool(by_point.mean() <= most_off),
         cure="level ground? right base_height? "

@@ -268,8 +268,10 @@ def _with_feet(
     level = xp.zeros_like(change)
     state = state._replace(correction=state.correction - xp.stack([level, level, change], -1))
     soles = _soles(feet, settings) - xp.stack([level, level, change], -1)[:, None, :]
-    stands = xp.reshape(xp.broadcast_to(measured.standing[:, :, None], (*measured.standing.shape, _SOLE**2)),
-                        soles.shape[:2])  # fmt: skip
+    stands = xp.reshape(
+        xp.broadcast_to(measured.standing[:, :, None], (*measured.standing.shape, _SOLE**2)),
+        soles.shape[:2],
+    )
     variance = xp.zeros_like(soles[..., 2]) + settings.foot_noise_m**2
     cells = sorted_into_cells(soles, variance, stands, state.corner, settings, extremes=False)
     # Where the map knows the ground, feet move the pose: a height that was drawn to the foot would
@@ -295,7 +297,9 @@ def _soles(feet: Array, settings: MapSettings) -> Array:
 def _under_body(
     state: ElevationMap, base: Array, body_height: Array, settings: MapSettings
 ) -> tuple[Array, Array]:
-    """The guess that the ground under the base is as far below it as usual, and its weight by cell."""
+    """The guess that the ground under the base is as far below it as usual,
+    and its weight by cell.
+    """
     xp = namespace(base)
     x, y = _away(state, base, settings)
     under = (xp.abs(x) < BODY_M) & (xp.abs(y) < BODY_M)

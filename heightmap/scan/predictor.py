@@ -54,7 +54,9 @@ class Ground(NamedTuple):
 
 
 def is_scan(path: Path) -> bool:
-    """True where a file says that it is a network of any grid; `ModelError` where it is unreadable."""
+    """True where a file says that it is a network of any grid;
+    `ModelError` where it is unreadable.
+    """
     return ModelFile(path).metadata.get("format") == json.dumps(FORMAT)
 
 

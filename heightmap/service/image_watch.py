@@ -1,4 +1,6 @@
-"""The images of one camera as a service takes them in, and the worst of what is known about them."""
+"""The images of one camera as a service takes them in,
+and the worst of what is known about them.
+"""
 
 import math
 from dataclasses import dataclass, replace

@@ -106,7 +106,8 @@ class _Call:
     half the cost of arguments.
 
     All outputs lie one after the other, so that what is returned of them is one new array. After
-    the network, whose weights fill the caches, each operation on arrays takes several times as long.
+    the network, whose weights fill the caches, each operation on arrays takes several times as
+    long.
     """
 
     def __init__(self, session: Session, robots: int, hidden_size: int, points: int) -> None:

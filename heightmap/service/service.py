@@ -145,7 +145,9 @@ class HeightmapService:
         return self._images.status(state.time_ns, now_ns, warm=self.warm)
 
     def _status_of_bad_output(self, state: RobotState, now_ns: int) -> HeightmapStatus:
-        """Status of bad output of heights that stand in for those of an output that cannot be used."""
+        """Status of bad output of heights that stand in
+        for those of an output that cannot be used.
+        """
         if self.bad_outputs < BAD_OUTPUTS_TO_FORGET and self._last is not None:
             return worse(HeightmapStatus.DEGRADED, self._input_status(state, now_ns))
         if self.bad_outputs == BAD_OUTPUTS_TO_FORGET:

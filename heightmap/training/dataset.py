@@ -1,4 +1,6 @@
-"""Episodes as the network gets them in training: on the device, delayed, noisy, cut into windows."""
+"""Episodes as the network gets them in training:
+on the device, delayed, noisy, cut into windows.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

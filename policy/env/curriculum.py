@@ -1,4 +1,6 @@
-"""How difficult a robot's next course is: a level that rises with the way it came, and falls again."""
+"""How difficult a robot's next course is: a level that rises with the way it came,
+and falls again.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,6 @@
-"""The drives of a training: the effects of a profile, around whose values each robot gets its own."""
+"""The drives of a training: the effects of a profile,
+around whose values each robot gets its own.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace

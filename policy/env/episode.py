@@ -1,4 +1,6 @@
-"""The beginning and the end of an episode: judgement, reset, and what disturbs a robot in between."""
+"""The beginning and the end of an episode: judgement,
+reset, and what disturbs a robot in between.
+"""
 
 from typing import Any
 

@@ -94,7 +94,9 @@ class WideConfig:
         return len(WIDE) if self.share > 0.0 else 0
 
     def grown(self, steps: float) -> float:
-        """Share of the ranges that is drawn from after so many environment steps of all processes."""
+        """Share of the ranges that is drawn from after so many environment steps
+        of all processes.
+        """
         first, last = (1e6 * end for end in self.growth_msteps)
         return 1.0 if steps >= last else max(0.0, (steps - first) / (last - first))
 

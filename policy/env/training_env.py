@@ -115,7 +115,9 @@ class TrainingEnv(ABC):
         self.memory.actuators = map_arrays(torch.zeros_like, state)
 
     def _start(self, *stages: Callable[[], None]) -> None:
-        """Makes stages of functions: plan, control, perhaps sense, finish; and starts all robots."""
+        """Makes stages of functions: plan, control, perhaps sense, finish;
+        and starts all robots.
+        """
         self.stages = [Stage(function, self.device) for function in stages]
         """The work of a step around the physics."""
         self._begin(prepare=True)

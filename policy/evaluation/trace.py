@@ -57,7 +57,9 @@ class Trace:
 
     @property
     def landings(self) -> Floats:
-        """Where feet came to bear in a stance: x and z of their centres [m], shape (landings, 2)."""
+        """Where feet came to bear in a stance:
+        x and z of their centres [m], shape (landings, 2).
+        """
         bears = self.loaded & self.stance
         return np.asarray(self.foot[1:][bears[1:] & ~bears[:-1]][:, [0, 2]])
 

@@ -62,7 +62,9 @@ class BackgroundEvaluation:
         return self._process is None and now_s - self._started_s >= self.every_s
 
     def start(self, checkpoint: Path, now_s: float) -> None:
-        """Begins to evaluate a checkpoint, which may be replaced by the next one, but not changed."""
+        """Begins to evaluate a checkpoint, which may be replaced by the next one,
+        but not changed.
+        """
         self._started_s = now_s
         command = [sys.executable, "-P", "-m", "saltus.policy.training.standard_evaluation"]
         command += [str(checkpoint), str(self._table), "--trials", str(self._trials)]

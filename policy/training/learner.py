@@ -91,7 +91,9 @@ class Learner:
         self.steps += self._config.horizon * self.robots
 
     def act(self) -> torch.Tensor:
-        """Output of the network for the present observation, with exploration, shape (n, actions)."""
+        """Output of the network for the present observation,
+        with exploration, shape (n, actions).
+        """
         return self.ppo.act(self._observation)
 
     def learn(self) -> dict[str, float]:

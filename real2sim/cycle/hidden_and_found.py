@@ -103,13 +103,18 @@ def _hidden(
                 found = _finding(effects, name, field.name, places)
                 interval = None if found is None else found.params[field.name]
                 yield TruthRow(
-                    effect=name, parameter=field.name, unit=field.metadata["unit"],
+                    effect=name,
+                    parameter=field.name,
+                    unit=field.metadata["unit"],
                     where=_names(places) if field.metadata["per_joint"] else "",
-                    known=float(np.mean(before[places])), true=float(value),
+                    known=float(np.mean(before[places])),
+                    true=float(value),
                     found=None if interval is None else interval.value,
                     ci90=None if interval is None else interval.ci90,
-                    remark=_why_not(folder, name) if interval is None else _judged(interval.ci90, float(value)),
-                )  # fmt: skip
+                    remark=_why_not(folder, name)
+                    if interval is None
+                    else _judged(interval.ci90, float(value)),
+                )
 
 
 def _finding(

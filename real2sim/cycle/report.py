@@ -285,7 +285,8 @@ def success_figure(courses: Mapping[str, Mapping[When, Measured]]) -> go.Figure:
             x=list(done), y=share, name=f"{when}", marker_color=COLOURS[when],
             text=[f"{hits} of {count}" for hits, count in counts], textposition="inside",
             insidetextanchor="start",
-            error_y={"type": "data", "symmetric": False, "array": high - share, "arrayminus": share - low},
+            error_y={"type": "data", "symmetric": False, "array": high - share,
+                "arrayminus": share - low},
         )  # fmt: skip
     figure.update_yaxes(range=[0, 104])
     return laid_out(figure, 380, y="trials that succeeded [%]", legend_y=1.12, barmode="group")

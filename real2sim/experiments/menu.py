@@ -191,7 +191,8 @@ _ALL = (
         name="torque_ladder", how="pulses of feed-forward torque of rising size",
         shows=("torque_saturation", "feedforward_delay", "torque_gain"), base="fixed",
         held_gains=(24.0, 1.4),
-        sections=lambda robot: repeated("pulses", 3, motions.torque_ladder(robot, 7.0, (20.0, 20.0, 30.0), 5, 0.010)),
+        sections=lambda robot: repeated("pulses", 3,
+            motions.torque_ladder(robot, 7.0, (20.0, 20.0, 30.0), 5, 0.010)),
         limits=HELD,
     ),
     Experiment(

@@ -72,7 +72,9 @@ def sine(robot: Robot, duration_s: float, frequency_hz: float, amplitude_rad: fl
 
 
 def triangle(robot: Robot, duration_s: float, speed_rad_s: float, amplitude_rad: float) -> Commands:
-    """Back and forth at one speed: each direction of motion, reversals, no acceleration in between."""
+    """Back and forth at one speed: each direction of motion,
+    reversals, no acceleration in between.
+    """
     t = _times(duration_s)
     quarter = amplitude_rad / speed_rad_s
     u = (t[:, None] + quarter * JOINT_PHASE * 2.0 / np.pi) / quarter
@@ -97,7 +99,9 @@ def steps(
 
 
 def hold_ladder(robot: Robot, duration_s: float, amplitude_rad: float, rungs: int) -> Commands:
-    """Rest at evenly spaced angles, up and down again: gravity, bias and breakaway without motion."""
+    """Rest at evenly spaced angles, up and down again:
+    gravity, bias and breakaway without motion.
+    """
     t = _times(duration_s)
     up = np.linspace(-1.0, 1.0, rungs)
     levels = np.concatenate([[0.0], up, up[-2::-1], [0.0]])

@@ -1,4 +1,6 @@
-"""Safety of a robot in an experiment: a motion is checked before it runs, the robot while it moves."""
+"""Safety of a robot in an experiment: a motion is checked before it runs,
+the robot while it moves.
+"""
 
 from dataclasses import dataclass
 

@@ -164,7 +164,9 @@ def _with_joints(columns: TableColumns, joint_names: dict[str, str]) -> TableCol
 def _read(
     path: Path, kind: str, columns: TableColumns
 ) -> tuple[Floats, dict[str, Floats], list[str]]:
-    """Times from the first row on [s], signals in SI units, shape (rows, joints) each, and notes."""
+    """Times from the first row on [s], signals in SI units,
+    shape (rows, joints) each, and notes.
+    """
     if (columns.time is None) == (columns.rate_hz is None):
         raise RecordingError(
             "[columns] needs either time, a column, or rate_hz, of rows that are evenly spaced"

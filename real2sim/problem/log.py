@@ -203,7 +203,9 @@ def rates(joints: JointTable) -> Floats:
 
 
 def drive_torque(log: RunLog) -> Floats:
-    """Torque by the law of the drives on measured angles and velocities [Nm], shape (rows, joints)."""
+    """Torque by the law of the drives on measured angles and velocities [Nm],
+    shape (rows, joints).
+    """
     kp, kd = gains_in_force(log)
     return np.asarray(commanded(log) - kp * log.joints.q - kd * rates(log.joints))
 

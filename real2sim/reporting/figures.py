@@ -41,7 +41,8 @@ def gap_figure(gaps: Sequence[SignalGap]) -> go.Figure:
     ):
         figure.add_scatter(
             x=np.sqrt(np.maximum(values, 0.0)), y=names, name=name, mode="markers",
-            marker={"color": colour, "size": 11, "symbol": symbol, "line": {"width": 2, "color": colour}},
+            marker={"color": colour, "size": 11, "symbol": symbol,
+                "line": {"width": 2, "color": colour}},
             hovertemplate="%{y}: %{x:.2f} sigma",
         )  # fmt: skip
     figure.update_xaxes(title="RMS [sigma]", type="log")
@@ -201,7 +202,8 @@ def ranking_figure(ranking: Sequence[RankedModel], chosen: tuple[str, ...]) -> g
     figure.add_scatter(
         x=gains, y=[" + ".join(model.effects) for model in models], mode="markers+text",
         showlegend=False,
-        marker={"color": [GREEN if model.effects == chosen else BLUE for model in models], "size": 10},
+        marker={"color": [GREEN if model.effects == chosen else BLUE for model in models],
+            "size": 10},
         error_x={
             "type": "data", "symmetric": False, "array": np.maximum(0.0, high - gains),
             "arrayminus": gains - np.clip(low, LEAST_NATS, gains), "color": GREY, "thickness": 1.5,
@@ -209,7 +211,8 @@ def ranking_figure(ranking: Sequence[RankedModel], chosen: tuple[str, ...]) -> g
         text=[f" {max(0.0, model.closed):.0%} closed" for model in models],
         textposition="top right",
         cliponaxis=False, customdata=np.stack([gains, low, high], axis=1),
-        hovertemplate="%{y}: %{customdata[0]:.0f} nats (%{customdata[1]:.0f} to %{customdata[2]:.0f})<extra></extra>",
+        hovertemplate="%{y}: %{customdata[0]:.0f} nats (%{customdata[1]:.0f} to "
+                      "%{customdata[2]:.0f})<extra></extra>",
     )  # fmt: skip
     left = float(np.log10(np.maximum(LEAST_NATS, low).min())) - 0.1
     right = float(np.log10(np.maximum(high, gains).max())) + 0.1

@@ -94,7 +94,8 @@ def by_reason(untestable: Mapping[str, str]) -> list[tuple[str, str]]:
 
 def _line(effect: FoundEffect, remark: str) -> str:
     values = ", ".join(
-        f"{name} {found.value:.4g} ({found.ci90[0]:.4g} to {found.ci90[1]:.4g}) {found.unit}".rstrip()
+        f"{name} {found.value:.4g} ({found.ci90[0]:.4g} to {found.ci90[1]:.4g}) "
+        f"{found.unit}".rstrip()
         for name, found in effect.params.items()
     )
     return f"{effect.name} at {', '.join(places(effect))}: {values}{remark}"

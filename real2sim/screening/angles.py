@@ -113,7 +113,9 @@ def _factor(q: Floats, q_des: Floats) -> float:
 
 
 def _wrong_one(log: RunLog, joints: list[int], factor: float) -> str:
-    """The one of q and q_des in another unit: by rates, or else the one less like angles of legs."""
+    """The one of q and q_des in another unit:
+    by rates, or else the one less like angles of legs.
+    """
     slopes = (
         rate_slopes(log.joints.time_s, log.joints.q, log.joints.dq)
         if log.joints.dq is not None

@@ -270,7 +270,8 @@ def _fault(cause: str, where: str, factor: float, gears: Sequence[float]) -> Fau
     text = f"tau_est of {where} shows {factor:.4g} times the {which} that meta.json claims: "
     text += _gains_instead(factor) or "correct the claim"
     if cause == "kd":
-        text += f"; or dq is {1.0 / factor:.4g} times the rate of q, {likely('dq', 1.0 / factor, gears)}"
+        inverse = 1.0 / factor
+        text += f"; or dq is {inverse:.4g} times the rate of q, {likely('dq', inverse, gears)}"
     return Fault(name="flipped_sign" if is_flipped else "wrong_gains", text=text)
 
 

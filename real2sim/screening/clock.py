@@ -99,7 +99,9 @@ def _shift(before: Floats, after: Floats) -> float:
 
 
 def _are_roundings(time_s: Floats, long: NDArray[np.int64], period: float) -> bool:
-    """True for long steps that rounding to whole milliseconds makes of an even clock, as at 990 Hz."""
+    """True for long steps that rounding to whole milliseconds makes of an even clock,
+    as at 990 Hz.
+    """
     if len(long) < 3 or not _is_rounded(time_s, period):
         return False
     apart, steps = np.diff(long), np.diff(time_s)
@@ -151,7 +153,9 @@ def _stamps(log: RunLog) -> dict[str, Floats]:
 
 
 def _units(log: RunLog) -> Iterator[Fault]:
-    """Times in another unit than the claimed seconds between commands, or than those of the joints."""
+    """Times in another unit than the claimed seconds between commands,
+    or than those of the joints.
+    """
     row = float(np.median(np.diff(log.joints.time_s))) if len(log.joints.time_s) > MIN_ROWS else 0.0
     claimed = float(log.meta["control_dt"])
     if factor := _known_factor(row / claimed, ROWS_A_COMMAND):
@@ -297,7 +301,9 @@ def _lost(log: RunLog) -> Iterator[Fault]:
 
 
 def _jumps(log: RunLog) -> Iterator[Fault]:
-    """Missing rows although the clock goes on evenly: joints move farther than their speeds allow."""
+    """Missing rows although the clock goes on evenly:
+    joints move farther than their speeds allow.
+    """
     time_s = log.joints.time_s
     if len(time_s) < MIN_ROWS:
         return
@@ -314,7 +320,9 @@ def _jumps(log: RunLog) -> Iterator[Fault]:
 
 
 def _beyond_speed(log: RunLog) -> Floats:
-    """Motion of joints between rows where it exceeds the speeds of neighbouring rows [rad], else 0."""
+    """Motion of joints between rows where it exceeds the speeds of neighbouring rows [rad],
+    else 0.
+    """
     q, dq = log.joints.q, log.joints.dq
     moved = np.diff(q, axis=0)
     rows = np.arange(len(moved))

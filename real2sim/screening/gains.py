@@ -309,7 +309,9 @@ def _faults(name: str, drive: _Regression) -> Iterator[Fault]:
 
 
 def _wrong_gains(name: str, drive: _Regression, shown: float, margin: float) -> Iterator[Fault]:
-    """A kp beyond its tolerance, which is wider by a margin of chance, or a kd where kp is right."""
+    """A kp beyond its tolerance, which is wider by a margin of chance,
+    or a kd where kp is right.
+    """
     kp, kd, shown_kd = drive.kp, drive.kd, float(drive.solution[1])
     if abs(shown - kp) > KP_TOLERANCE * kp + margin:
         yield Fault(

@@ -81,7 +81,9 @@ def gravity_faults(log: RunLog) -> Iterator[Fault]:
 
 
 def feedforward_faults(log: RunLog) -> Iterator[Fault]:
-    """Faults of tau_ff that no tau_est is compared with: by the weight that it and the gains hold."""
+    """Faults of tau_ff that no tau_est is compared with:
+    by the weight that it and the gains hold.
+    """
     joints = log.joints
     if (
         joints.tau_ff is None

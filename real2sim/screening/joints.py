@@ -208,7 +208,9 @@ def _swapped(slow: _SlowMotion) -> Iterator[Fault]:
 
 
 def _misnamed(slow: _SlowMotion) -> Iterator[Fault]:
-    """A leg whose joints stand like other joints in the other legs: all its columns are misnamed."""
+    """A leg whose joints stand like other joints in the other legs:
+    all its columns are misnamed.
+    """
     legs: dict[str, list[int]] = {}
     for index, name in enumerate(slow.joints):
         legs.setdefault(name.split("_")[0], []).append(index)

@@ -168,7 +168,9 @@ def _gyro(imu: Table) -> Iterator[Fault]:
 
 
 def _turns(time_s: Floats, quaternions: Floats, gyro: Floats) -> tuple[Floats, Floats]:
-    """Mean angular velocity in the body frame over time spans, from orientation and from gyroscope."""
+    """Mean angular velocity in the body frame over time spans,
+    from orientation and from gyroscope.
+    """
     rows = _span(time_s)
     rotations = _rotation(quaternions)
     steps_s = (time_s[rows:] - time_s[:-rows])[:, None]

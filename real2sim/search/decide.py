@@ -116,7 +116,9 @@ class ModelComparison:
         return self.gain(before, after) > max(GAIN_NATS * dispersion, SPREAD * downside(gains))
 
     def closed(self, null: ScoredFit, before: ScoredFit, after: ScoredFit) -> float:
-        """Share of the structure after `before` that `after` removes, in the cells that show any."""
+        """Share of the structure after `before` that `after` removes,
+        in the cells that show any.
+        """
         shows = self.cells.shows(np.maximum(null.structure, before.structure), self.size)
         return self.cells.share_gone(before.structure, after.structure, shows)
 
@@ -209,7 +211,9 @@ def _is_whole(comparison: ModelComparison, rival: ScoredFit, further: float) -> 
 
 
 def _chance(comparison: ModelComparison, model: Model) -> float:
-    """Share of the gap that a model may leave to chance, e.g. how a drive hunts between two steps."""
+    """Share of the gap that a model may leave to chance,
+    e.g. how a drive hunts between two steps.
+    """
     return 1.0 - min(c.closable_share for c in comparison.layout.candidates if c.effect in model)
 
 

@@ -58,7 +58,9 @@ class SignalGap:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Confusion:
-    """Cosines between the changes that effects make in the residuals, with nuisances projected out."""
+    """Cosines between the changes that effects make in the residuals,
+    with nuisances projected out.
+    """
 
     effects: tuple[str, ...]
     cosine: Floats

@@ -146,7 +146,9 @@ class KnownFits:
         )
 
     def _slopes_of_starts(self, null: Fit) -> Floats:
-        """Derivatives by all unknowns, each candidate at its most promising shape, which is kept."""
+        """Derivatives by all unknowns, each candidate at its most promising shape,
+        which is kept.
+        """
         layout = self._layout
         blocks, m = null.residuals.shape
         library = np.zeros((blocks, len(layout.scale), m))

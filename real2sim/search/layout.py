@@ -77,7 +77,9 @@ class Layout:
         )
 
     def of_model(self, model: Model) -> Indices:
-        """Columns that a model fits: those of its effects and of the nuisances, in ascending order."""
+        """Columns that a model fits: those of its effects and of the nuisances,
+        in ascending order.
+        """
         return np.sort(np.concatenate([self.of_effects(model), self.nuisances]))
 
     def starts(self, index: int) -> list[Floats]:

@@ -189,7 +189,9 @@ def held_out_gains(before: Floats, after: Floats, split: Split) -> Floats:
 
 
 def spread(gains: Floats, rng: np.random.Generator) -> tuple[float, tuple[float, float]]:
-    """Standard deviation and 90 % interval of the sum of gains, from chunks drawn with replacement."""
+    """Standard deviation and 90 % interval of the sum of gains,
+    from chunks drawn with replacement.
+    """
     draws = rng.integers(len(gains), size=(RESAMPLES, len(gains)))
     totals = gains[draws].sum(axis=1)
     low, high = np.quantile(totals, (0.05, 0.95))

@@ -107,7 +107,9 @@ class _Search:
         return gain > decide.GAIN_NATS
 
     def _fit_singles(self) -> None:
-        """Fits each effect alone, and the best ones again with fresh derivatives and other shapes."""
+        """Fits each effect alone, and the best ones again
+        with fresh derivatives and other shapes.
+        """
         null = self._known.fits[()]
         starts = [
             start

@@ -1,4 +1,6 @@
-"""Signatures: the changes that effects make in the residuals of a log, and which of them are alike."""
+"""Signatures: the changes that effects make in the residuals of a log,
+and which of them are alike.
+"""
 
 import numpy as np
 

@@ -81,7 +81,9 @@ def noise_curves(scene: StaticScene) -> NoiseCurves | str:
 def sigma_inverse(
     curves: NoiseCurves, scene: StaticScene, step_inverse: StereoEstimate
 ) -> StereoEstimate:
-    """Sub-pixel noise as noise of the inverse depth [1/m], without the share of the disparity step."""
+    """Sub-pixel noise as noise of the inverse depth [1/m],
+    without the share of the disparity step.
+    """
     variance = curves.variance_inverse - (step_inverse.value or 0.0) ** 2 / 12.0
     if variance <= 0.0:
         return untestable("the noise is below the disparity step")

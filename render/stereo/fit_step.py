@@ -34,7 +34,9 @@ MIN_LINES = 4.0  # of the comb within the range of inverse depths
 
 
 def fit_step(scene: StaticScene, sigma_inverse: float) -> StereoEstimate:
-    """Step of the inverse depth [1/m]: disparity step over f B; `sigma_inverse` is its noise [1/m]."""
+    """Step of the inverse depth [1/m]: disparity step over f B;
+    `sigma_inverse` is its noise [1/m].
+    """
     if not np.any(scene.surface):
         return untestable("no surface away from edges is valid throughout")
     stride = max(1, scene.frames * int(np.sum(scene.surface)) // SAMPLES)

@@ -48,8 +48,8 @@ class Init(_KeysOption):
 class Issue(_KeysOption):
     """Makes a certificate for a role: one file, with which any Zenoh program joins.
 
-    A role may publish and subscribe to its own keys only: render, heightmap, scan, policy and controller
-    what the process of that name does; recorder, viewer and operator read everything.
+    A role may publish and subscribe to its own keys only: render, heightmap, scan, policy and
+    controller what the process of that name does; recorder, viewer and operator read everything.
 
     Example: saltus keys issue viewer
     """

@@ -1,4 +1,6 @@
-"""SIGTERM and SIGHUP end a command as Ctrl-C does: what it holds is landed, closed and saved first."""
+"""SIGTERM and SIGHUP end a command as Ctrl-C does:
+what it holds is landed, closed and saved first.
+"""
 
 import contextlib
 import os

@@ -63,7 +63,9 @@ class Goals:
 
 
 class Way:
-    """Place and heading in the frame of the first state: by odometry, else by adding up velocities."""
+    """Place and heading in the frame of the first state:
+    by odometry, else by adding up velocities.
+    """
 
     def __init__(self) -> None:
         self._first: tuple[Floats, float] | None = None

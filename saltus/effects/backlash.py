@@ -102,7 +102,9 @@ class Backlash(Effect[Drive], name="backlash", site="torque"):
         return position + share * state[0], velocity + share * state[1]
 
     def seen(self, position: Array, velocity: Array, state: Play) -> tuple[Array, Array]:
-        """Angles and velocities on the motor's side, for those on the side of the logged encoder."""
+        """Angles and velocities on the motor's side,
+        for those on the side of the logged encoder.
+        """
         rest = 1.0 - self.value("motor_side", position)
         return position + rest * state[0], velocity + rest * state[1]
 

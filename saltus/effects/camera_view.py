@@ -28,7 +28,9 @@ class CameraHeight(Effect[CameraView], name="camera_height", site="view"):
 
 @dataclass(frozen=True, kw_only=True)
 class CameraFov(Effect[CameraView], name="camera_fov", site="view"):
-    """The tangent of each pixel's true angle to the optical axis is `scale` times the claimed one."""
+    """The tangent of each pixel's true angle
+    to the optical axis is `scale` times the claimed one.
+    """
 
     # 1 to 3 % on real robots; mistakes in cropping and resizing are the usual cause
     scale: PerRobot = parameter(

@@ -67,7 +67,9 @@ ImuMemory: TypeAlias = tuple[ImuReading, tuple[object, ...]]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Torques:
-    """The torque that an actuator gives and the one that it reports, each of shape (..., 12) [Nm]."""
+    """The torque that an actuator gives and the one that it reports,
+    each of shape (..., 12) [Nm].
+    """
 
     applied: Joints
     """At the joint."""
@@ -105,7 +107,9 @@ class BodyChain(SignalChain):
 
     @property
     def contact_dimensions(self) -> int:
-        """Dimensions of a contact in the engine: 3, or with friction against turning and rolling 6."""
+        """Dimensions of a contact in the engine:
+        3, or with friction against turning and rolling 6.
+        """
         return (
             6
             if any(

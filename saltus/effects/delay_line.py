@@ -1,4 +1,6 @@
-"""Fractional delay of a signal that is held between samples, and the effects that delay a command."""
+"""Fractional delay of a signal that is held between samples,
+and the effects that delay a command.
+"""
 
 import math
 from collections.abc import Callable

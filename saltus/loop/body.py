@@ -125,7 +125,9 @@ class Body:
         return touched
 
     def restart(self, robots: NDArray[np.bool_]) -> None:
-        """Puts some robots, bool, shape (n,), back to the start of their trial; they sense at once."""
+        """Puts some robots, bool, shape (n,), back to the start of their trial;
+        they sense at once.
+        """
         self._plant.reset(
             np.flatnonzero(robots), position_x=self._start_x[robots], yaw=self._heading[robots]
         )

@@ -1,4 +1,6 @@
-"""Planners and what they are given: quantities of the sagittal plane, from what a robot can know."""
+"""Planners and what they are given: quantities of the sagittal plane,
+from what a robot can know.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -28,7 +28,9 @@ class MotionPower:
 
 
 def motion_powers(recording: Recording) -> tuple[MotionPower, ...]:
-    """Power of each motion, in the order in which they began; none where no joints were recorded."""
+    """Power of each motion, in the order in which they began;
+    none where no joints were recorded.
+    """
     modes = {state.step: state.mode for state in recording.of(RobotState)}
     rows: dict[ControllerMode, list[JointLog]] = {}
     for log in recording.of(JointLog):

@@ -87,7 +87,9 @@ class _Reader:
         self._file.complete = self.ended and not lost
 
     def _take_torn(self, file: BinaryIO, start: int) -> None:
-        """The first messages of the chunk that begins at `start`, where the file ends inside of it."""
+        """The first messages of the chunk that begins at `start`,
+        where the file ends inside of it.
+        """
         file.seek(start)
         with suppress(Exception):  # as above: then nothing of it is whole
             chunk = torn_chunk(file.read(RECORD_MAX))

@@ -260,7 +260,9 @@ def _body_figure(data: RunData) -> go.Figure:
 
 
 def _error_figure(data: RunData) -> go.Figure:
-    """Errors of the steps that the headline counts: it runs or walks, on a heightmap of status OK."""
+    """Errors of the steps that the headline counts:
+    it runs or walks, on a heightmap of status OK.
+    """
     running = [t for t, s in zip(data.truths, data.states, strict=True) if s.mode in UNDER_WAY]
     pairs = [(data.heightmaps[t.step], t) for t in running if t.step in data.heightmaps]
     trusted = [

@@ -1,4 +1,6 @@
-"""Types of what `meta.json` of a run log claims about the rig; `run_claims` checks that it can be."""
+"""Types of what `meta.json` of a run log claims about the rig;
+`run_claims` checks that it can be.
+"""
 
 from typing import Any, TypedDict
 

@@ -1,4 +1,6 @@
-"""Messages in ROS 2's own types, made of ours: what viewers of recordings read, and other robots."""
+"""Messages in ROS 2's own types, made of ours:
+what viewers of recordings read, and other robots.
+"""
 
 import math
 from collections.abc import Callable, Sequence
@@ -81,7 +83,9 @@ def payload_of(message: Message) -> bytes:
 
 
 def hash_of(type_name: str) -> str:
-    """The hash of a type and of all that it contains: RIHS01_ and 64 hexadecimal digits (REP 2016)."""
+    """The hash of a type and of all that it contains:
+    RIHS01_ and 64 hexadecimal digits (REP 2016).
+    """
     return str(STORE.hash_rihs01(type_name))
 
 
@@ -265,7 +269,8 @@ def grid_map(heightmap: Heightmap) -> Message:
         info=make(
             "grid_map_msgs/msg/GridMapInfo", resolution=resolution, length_x=resolution * len(x),
             length_y=resolution * len(y),
-            pose=make("geometry_msgs/msg/Pose", position=point(middle), orientation=quaternion([1, 0, 0, 0])),
+            pose=make("geometry_msgs/msg/Pose", position=point(middle),
+                orientation=quaternion([1, 0, 0, 0])),
         ),
         layers=list(layers),
         basic_layers=[ELEVATION],
@@ -288,7 +293,9 @@ def _cells(side: Floats, resolution: float) -> Floats:
 
 
 def _between(table: Floats, sides: Sequence[Floats], cells: Sequence[Floats]) -> Floats:
-    """Values (rows, columns) of a grid at the middles of cells, interpolated along x, then along y."""
+    """Values (rows, columns) of a grid at the middles of cells,
+    interpolated along x, then along y.
+    """
     along = np.stack([np.interp(cells[0], sides[0], column) for column in table.T], -1)
     if len(sides[1]) == 1:
         return np.repeat(along, len(cells[1]), axis=-1)
@@ -307,7 +314,8 @@ def _column_major(table: Floats) -> Message:
 
 def marker(
     time_ns: int, frame: str, name: str, number: int, kind: int, *,
-    rgba: Rgba, scale: ArrayLike, position: ArrayLike = (0.0, 0.0, 0.0), wxyz: ArrayLike = (1.0, 0.0, 0.0, 0.0),
+    rgba: Rgba, scale: ArrayLike, position: ArrayLike = (0.0, 0.0, 0.0),
+    wxyz: ArrayLike = (1.0, 0.0, 0.0, 0.0),
     places: Sequence[AnyArray] | AnyArray = (), locked: bool = False,
 ) -> Message:  # fmt: skip
     """A `visualization_msgs/msg/Marker`.

@@ -1,4 +1,6 @@
-"""A recording of a run of Saltus as a run log, which other tools read without knowing our messages."""
+"""A recording of a run of Saltus as a run log,
+which other tools read without knowing our messages.
+"""
 
 from collections.abc import Sequence
 from dataclasses import asdict

@@ -188,7 +188,8 @@ def in_si(any_log: Log, units: Units) -> Log:
         depth = replace(
             depth, arrival_s=units.seconds * depth.arrival_s,
             capture_s=None if depth.capture_s is None else units.seconds * depth.capture_s,
-            depth_mm=depth.depth_mm if units.depth_unit_m is None else millimetres(depth.depth_mm, units.depth_unit_m),
+            depth_mm=depth.depth_mm if units.depth_unit_m is None else millimetres(depth.depth_mm,
+                units.depth_unit_m),
         )  # fmt: skip
     in_units: Log = replace(
         log,

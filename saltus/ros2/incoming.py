@@ -85,7 +85,8 @@ class RosIntake:
     """
 
     def __init__(
-        self, robot: Robot, clock: WallClock, joints: tuple[str, ...] = (), *, arrival: bool = False,
+        self, robot: Robot, clock: WallClock, joints: tuple[str, ...] = (), *,
+        arrival: bool = False,
         has_joints: bool = True, base_height_m: float | None = None, depth: str = DEPTH,
         cameras: Mapping[str, str] | None = None, depth_unit_m: float | None = None,
     ) -> None:  # fmt: skip

@@ -1,4 +1,6 @@
-"""Robots with drives and IMUs: what one plant and a batch of plants do alike around their physics."""
+"""Robots with drives and IMUs: what one plant and a batch
+of plants do alike around their physics.
+"""
 
 from abc import ABC, abstractmethod
 from types import EllipsisType

@@ -66,7 +66,9 @@ class ModelLayout:
     def write_payload_position(
         self, field: Field, position: Array, robots: Robots = EVERYONE
     ) -> None:
-        """Puts the centre of mass of what is on top of the trunk there [m], base frame, shape (3,)."""
+        """Puts the centre of mass of what is on top of the trunk there [m],
+        base frame, shape (3,).
+        """
         field("body_pos")[(*robots, self.payload)] = position
 
     def write_joints(

@@ -85,7 +85,9 @@ def _load() -> ctypes.CDLL:
 
 @contextmanager
 def _told_to_use_osmesa() -> Iterator[None]:
-    """The engine asks the environment where to find OpenGL, once, when a drawing context is made."""
+    """The engine asks the environment where to find OpenGL,
+    once, when a drawing context is made.
+    """
     before = os.environ.get("MUJOCO_GL")
     os.environ["MUJOCO_GL"] = "osmesa"
     try:

@@ -181,14 +181,18 @@ class Boxes:
 
     @property
     def extent(self) -> BoxVectors:
-        """How far each reaches from its centre along the axes of the world [m], shape (..., n, 3)."""
+        """How far each reaches from its centre along the axes of the world [m],
+        shape (..., n, 3).
+        """
         if self.turn is None:
             return self.half_size
         return (namespace(self.half_size).abs(self.rotation) @ self.half_size[..., None])[..., 0]
 
     @property
     def top_ends(self) -> Array:
-        """Where the upper face of each begins and ends along the world's x [m], shape (2, ..., n)."""
+        """Where the upper face of each begins and ends along the world's x [m],
+        shape (2, ..., n).
+        """
         xp, half = namespace(self.half_size), self.rotation[..., 0, :] * self.half_size
         middle, reach = self.center[..., 0] + half[..., 2], xp.sum(xp.abs(half[..., :2]), axis=-1)
         return xp.stack([middle - reach, middle + reach])

@@ -48,7 +48,9 @@ much of them: what is seen of the ground behind says little about that before it
 
 
 def make(*, height_m: float, rng: np.random.Generator) -> Terrain:
-    """Up to `BOXES` things whose tops are up to `height_m` above the ground where robots start [m]."""
+    """Up to `BOXES` things whose tops are up
+    to `height_m` above the ground where robots start [m].
+    """
     params = {"height_m": height_m}
     ground = Terrain(kind="clutter", params=params, boxes=_ground(rng), finish_x=FINISH_X)
     highest, count = max(height_m, 2.0 * LEAST_HEIGHT_M), int(rng.integers(2, BOXES + 1))

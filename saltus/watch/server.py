@@ -1,4 +1,6 @@
-"""The web server of the page: on loopback alone, and for nobody without the token in its address."""
+"""The web server of the page: on loopback alone,
+and for nobody without the token in its address.
+"""
 
 import contextlib
 import hmac

@@ -62,7 +62,9 @@ class Envelope:
 
     @classmethod
     def from_bytes(cls, data: bytes) -> "Envelope":
-        """Reads an attachment; `MessageError` "envelope" for a wrong length, or a sequence below 1."""
+        """Reads an attachment; `MessageError` "envelope" for a wrong length,
+        or a sequence below 1.
+        """
         if len(data) != _ENVELOPE.size:
             raise MessageError("envelope", f"{len(data)} bytes instead of {_ENVELOPE.size}")
         sequence, capture_ns, size, boot_id = _ENVELOPE.unpack(data)

@@ -301,7 +301,9 @@ class Templates:
         return Template(sample, self._holes, self._encode, self._limits)
 
     def _key(self, message: Message) -> Hashable:
-        """Texts, statuses, what else is fixed, and lengths: messages of one template have the same."""
+        """Texts, statuses, what else is fixed, and lengths:
+        messages of one template have the same.
+        """
         fixed = (getattr(message, name) for name in self._fixed)
         return (
             *((v.dtype, v.shape, v.tobytes()) if isinstance(v, np.ndarray) else v for v in fixed),

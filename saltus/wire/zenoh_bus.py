@@ -154,7 +154,9 @@ class ZenohBus(Bus):
 
 
 class KeptSlot(Slot):
-    """A slot that Zenoh fills by itself, without a word to Python; what is taken has come just now."""
+    """A slot that Zenoh fills by itself, without a word to Python;
+    what is taken has come just now.
+    """
 
     def __init__(self, bell: Bell, subscriber: Any, name: str) -> None:
         super().__init__(bell)

@@ -1,4 +1,6 @@
-"""The benchmark of cut logs counts what the whole log does not say, and cuts long enough to say it."""
+"""The benchmark of cut logs counts what the whole log does not say,
+and cuts long enough to say it.
+"""
 
 from typing import Any
 

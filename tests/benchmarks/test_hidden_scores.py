@@ -13,7 +13,8 @@ from benchmarks.hidden_effects import cases, identify, score, shares
 def truth_of(name: str, category: str, effects: list[str], multiple: float = 3.0) -> dict:
     return {
         "name": name, "kind": "joints", "category": category, "quiet": False, "damage": "",
-        "effects": [{"name": e, "where": ["FR_calf"], "params": PARAMS[e], "size": 1.0} for e in effects],
+        "effects": [{"name": e, "where": ["FR_calf"], "params": PARAMS[e],
+            "size": 1.0} for e in effects],
         "multiples": [multiple] * len(effects), "shown_rms": [multiple] * len(effects),
         "rivals": [{"armature": 0.5} for _ in effects],
         "outside_part": [0.9],
@@ -84,7 +85,8 @@ def scored(tmp_path: Path, truths: list[dict], say) -> dict:
 
 def test_who_knows_the_truth_scores_full(tmp_path, truths):
     table = scored(tmp_path, truths, say_the_truth)
-    for row in ("exact_name_one_effect", "named_or_in_set", "both_names_of_a_pair", "outside_says_unexplained",
+    for row in ("exact_name_one_effect", "named_or_in_set", "both_names_of_a_pair",
+        "outside_says_unexplained",
                 "damaged_says_bad_log", "right_place", "intervals_hold_truth"):  # fmt: skip
         assert table[row]["value"] == 1.0, row
     for row in (
@@ -193,7 +195,9 @@ def test_who_is_interrupted_looks_at_no_further_log_and_seals_nothing(tmp_path, 
     over = threading.Event()
 
     class Pool(ThreadPoolExecutor):
-        """A log that has begun meanwhile takes until the others have been called off, or have not."""
+        """A log that has begun meanwhile takes until the others have been called off,
+        or have not.
+        """
 
         def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
             super().shutdown(wait=False, cancel_futures=cancel_futures)

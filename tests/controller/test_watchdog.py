@@ -42,7 +42,9 @@ def lost(now):
 
 
 def expected(state, now):
-    """The table of transitions, written as a list of rules of which the first that applies decides."""
+    """The table of transitions, written as a list of rules
+    of which the first that applies decides.
+    """
     upright = (
         now.finite and abs(now.roll) <= math.radians(60) and abs(now.pitch) <= math.radians(60)
     )

@@ -1,4 +1,6 @@
-"""A dataset in Parquet, for LeRobot, described in Croissant: what is read back is what was written."""
+"""A dataset in Parquet, for LeRobot, described in Croissant:
+what is read back is what was written.
+"""
 
 import json
 from pathlib import Path

@@ -250,7 +250,9 @@ def test_in_real_time_each_state_gets_the_answer_of_the_service_once(
 def test_junk_on_the_keys_of_one_robot_does_not_touch_another(
     model_path: Path, tmp_path: Path
 ) -> None:
-    """Nor does a robot that has no camera: in lockstep its states wait for images that never come."""
+    """Nor does a robot that has no camera: in lockstep its states wait
+    for images that never come.
+    """
     hub = MemoryHub()
     names = ("robot/0", "robot/1", "robot/2")
     configs = [

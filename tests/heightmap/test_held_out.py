@@ -46,7 +46,8 @@ def synthetic_run(
     return HeldOutRun(
         terrain="stairs", level=MASTERED, x=HEIGHTMAP_X, true_height=true,
         view=view.astype(np.int8),
-        predictions={NETWORK: prediction}, way=DistanceTravelled(distance_m=1.0, edges=0, of_edges=2),
+        predictions={NETWORK: prediction},
+        way=DistanceTravelled(distance_m=1.0, edges=0, of_edges=2),
     )  # fmt: skip
 
 

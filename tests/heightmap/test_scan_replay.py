@@ -102,7 +102,9 @@ def test_a_run_in_which_nobody_told_heights_has_nothing_to_compare(
 def test_images_of_further_cameras_are_read_with_their_own_mounts(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The same view rolled, with its roll said, tells the same ground; with none said, it misleads."""
+    """The same view rolled, with its roll said, tells the same ground;
+    with none said, it misleads.
+    """
 
     def seen_mm(*rolls_rad: float) -> float:
         files = []

@@ -1,4 +1,6 @@
-"""Images of a stereo camera: those that data are made of, and those that robots in roll-outs get."""
+"""Images of a stereo camera: those that data are made of,
+and those that robots in roll-outs get.
+"""
 
 from dataclasses import replace
 

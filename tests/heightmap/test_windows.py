@@ -1,4 +1,6 @@
-"""Windows of a dataset: the story of an episode in order, empty hidden states, and noise of images."""
+"""Windows of a dataset: the story of an episode in order,
+empty hidden states, and noise of images.
+"""
 
 from pathlib import Path
 

@@ -52,7 +52,9 @@ def demo(*flags: str) -> dict[str, Any]:
 
 
 def hold_one_after_another(run: psutil.Process) -> None:
-    """Lets each process of a run stand still in turn, until its report is all that is left to do."""
+    """Lets each process of a run stand still in turn,
+    until its report is all that is left to do.
+    """
     while not (processes := run.children()) and run.status() != psutil.STATUS_ZOMBIE:
         time.sleep(0.02)
     while processes:

@@ -196,7 +196,9 @@ def test_the_command_says_so(
 def test_a_difference_fails_where_a_run_must_repeat(
     recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A recording that names another planner than the run had, whole, or without the run's outcome."""
+    """A recording that names another planner than the run had,
+    whole, or without the run's outcome.
+    """
     config = replace(recording.known_config, planner="scripted")
     changed = copied(recording, tmp_path / "changed.mcap", config)
     assert main(["replay", str(changed), "--process", "planner"]) == 1

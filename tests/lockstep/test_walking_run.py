@@ -115,7 +115,9 @@ def test_the_estimate_holds_while_no_schedule_says_which_feet_stand(recording: R
 
 @pytest.mark.slow
 def test_five_processes_over_zenoh_say_what_threads_in_one_process_say(tmp_path: Path) -> None:
-    """A whole stack with a script of commands: whoever carries the messages, the run is the same."""
+    """A whole stack with a script of commands:
+    whoever carries the messages, the run is the same.
+    """
     script = tmp_path / "script.csv"
     script.write_text("time_s,mode,ahead_mps\n0,walk,0.3\n1.7,stand\n", encoding="utf-8")
     config = RunConfig(

@@ -1,4 +1,6 @@
-"""Policies of others, by their descriptions: what they are told and say is ours in another dialect."""
+"""Policies of others, by their descriptions:
+what they are told and say is ours in another dialect.
+"""
 
 from dataclasses import replace
 from pathlib import Path

@@ -31,7 +31,9 @@ from saltus.wire.topics import MAX_EXTRA_AGE_S
 
 @pytest.mark.slow
 def test_a_spare_camera_takes_over_or_the_robot_stands(speed: float, tmp_path: Path) -> None:
-    """Its first image is 50 ms old when it comes: whether that is in time depends on the computer."""
+    """Its first image is 50 ms old when it comes:
+    whether that is in time depends on the computer.
+    """
     first, both, config = (
         tmp_path / "first",
         tmp_path / "both",
@@ -68,7 +70,9 @@ def test_a_killed_process_is_noticed_and_the_robot_stands(
 
 
 class Incomplete(Recording):
-    """A recording without the last message of a process that was killed: its consumer alone had it."""
+    """A recording without the last message of a process that was killed:
+    its consumer alone had it.
+    """
 
     def __init__(self, recording: Recording, process: str) -> None:
         super().__init__(

@@ -142,7 +142,9 @@ class Victim:
             )
 
     def trigger(self) -> None:
-        """Good messages on every key: some processes look at one topic only when another has come."""
+        """Good messages on every key: some processes look
+        at one topic only when another has come.
+        """
         self.step += 1
         for topic, publisher in self.triggers.items():
             message = replace(message_of(TOPICS[topic].message), time_ns=self.clock.now_ns())

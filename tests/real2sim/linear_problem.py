@@ -1,4 +1,6 @@
-"""A problem whose residuals are linear in its unknowns: sines in two signals, seen in six segments."""
+"""A problem whose residuals are linear in its unknowns:
+sines in two signals, seen in six segments.
+"""
 
 from dataclasses import replace
 from typing import Any

@@ -1,4 +1,6 @@
-"""Run logs of a robot that jumps: a run of control loop, plant and camera, recorded and exported."""
+"""Run logs of a robot that jumps: a run of control loop,
+plant and camera, recorded and exported.
+"""
 
 from collections.abc import Iterator
 from dataclasses import replace

@@ -150,7 +150,9 @@ class OneJoint(Problem):
         raise KeyError(effect)
 
     def _simulate(self, unknowns: Floats, ripple: float) -> Floats:
-        """Whitened q and dq, shape (n, blocks, m); the windows start at rest where the motion is."""
+        """Whitened q and dq, shape (n, blocks, m);
+        the windows start at rest where the motion is.
+        """
         n, blocks, _ = unknowns.shape
         # (n, blocks, joints, windows)
         value = {

@@ -1,4 +1,6 @@
-"""Run logs of a robot on the ground, made by the plant with effects in it and noise on its sensors."""
+"""Run logs of a robot on the ground, made by the plant
+with effects in it and noise on its sensors.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -291,7 +291,9 @@ def test_rays_are_those_of_a_ray_caster() -> None:
 
 
 def table(count: int, kept: Floats, repeats: bool = False, numbered: bool = True) -> DepthTable:
-    """A camera at 50 Hz that loses the images that are not kept, or sends the one before instead."""
+    """A camera at 50 Hz that loses the images that are not kept,
+    or sends the one before instead.
+    """
     rng = np.random.default_rng(0)
     images = rng.integers(500, 900, (count, 4, 5)).astype(np.uint16)
     if repeats:

@@ -1,4 +1,6 @@
-"""One value for all places, or one for each kind of place, as the data have it, and its interval."""
+"""One value for all places, or one for each kind of place,
+as the data have it, and its interval.
+"""
 
 import itertools
 from dataclasses import replace

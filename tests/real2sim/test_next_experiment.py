@@ -1,4 +1,6 @@
-"""Experiments that are proposed: they separate, and the rig that made the log can do and see them."""
+"""Experiments that are proposed: they separate,
+and the rig that made the log can do and see them.
+"""
 
 from itertools import combinations
 

@@ -1,4 +1,6 @@
-"""Structure that repeats in depth images is no noise, however large and of whatever kind noise is."""
+"""Structure that repeats in depth images is no noise,
+however large and of whatever kind noise is.
+"""
 
 from dataclasses import replace
 
@@ -52,7 +54,9 @@ def test_no_noise_repeats(seed: int) -> None:
 @pytest.mark.parametrize("structure", STRUCTURES)
 @pytest.mark.parametrize("seed", range(3))
 def test_added_noise_explains_no_structure(structure: str, seed: int) -> None:
-    """Added noise closes what the rows of noise have of the gap, which is not enough for its name."""
+    """Added noise closes what the rows of noise have of the gap,
+    which is not enough for its name.
+    """
     rng = np.random.default_rng(100 + seed)
     recipe = drawn_recipe(rng)
     found = powers(replace(recipe, truth=Truth()), structure, rng.uniform(0.006, 0.03))

@@ -212,7 +212,9 @@ def test_the_factor_of_a_torque_depends_on_no_scale_and_no_noise(noise: float) -
 
 @pytest.fixture(scope="module")
 def standing() -> list[RunLog]:
-    """Logs of a body that rocks, and of robots of three strengths that squat, rock and are dropped."""
+    """Logs of a body that rocks, and of robots of three strengths that squat,
+    rock and are dropped.
+    """
     names = {"squat": 0.7, "pitch_rocking": 1.0, "drop": 1.3}
     profiles = [IDEAL.having(TorqueGain(gain=gain)) for gain in names.values()]
     logs = [

@@ -1,4 +1,6 @@
-"""Courses in two dimensions: truth, rays of all back ends and contacts agree, whatever was drawn."""
+"""Courses in two dimensions: truth, rays of all back ends and contacts agree,
+whatever was drawn.
+"""
 
 from pathlib import Path
 

@@ -1,4 +1,6 @@
-"""What the right imager does not see, by every back end: by rays from it, or by an image from it."""
+"""What the right imager does not see, by every back end:
+by rays from it, or by an image from it.
+"""
 
 from dataclasses import replace
 from typing import Any

@@ -92,7 +92,9 @@ def give(intake: RosIntake, state: Any, names: list[str], **imu: bool) -> None:
 @pytest.mark.parametrize("name", shipped_robots())
 @pytest.mark.parametrize("attitude", [True, False])
 def test_a_state_that_goes_to_ros_and_back_is_the_same(name: str, attitude: bool) -> None:
-    """In whatever order their joints come, counted their way, with attitude from IMU or odometry."""
+    """In whatever order their joints come, counted their way,
+    with attitude from IMU or odometry.
+    """
     rng, robot = np.random.default_rng(3), load_robot(name)
     for sign in (np.ones(12), np.where(rng.random(12) < 0.5, -1.0, 1.0)):
         theirs = replace(robot, joint_sign=sign)

@@ -162,7 +162,9 @@ def test_the_stream_counts_what_nobody_drained(pair: tuple[Bus, Bus]) -> None:
 
 
 def test_what_zenoh_keeps_is_dated_when_it_came(endpoint: str) -> None:
-    """Not when it was drained, and not when a clock says that is set: never outside of two drains."""
+    """Not when it was drained, and not when a clock says that is set:
+    never outside of two drains.
+    """
     kept = replace(RUN, prefix="kept")
     with (
         ZenohBus.of_run(endpoint, kept) as a,

@@ -1,4 +1,6 @@
-"""The command line: helps that show how a command is used, and JSON that other programs can read."""
+"""The command line: helps that show how a command is used,
+and JSON that other programs can read.
+"""
 
 import json
 import re

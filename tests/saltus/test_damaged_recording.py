@@ -121,7 +121,8 @@ def test_a_chunk_that_unpacks_to_more_than_it_says_takes_no_more_memory(
     path = tmp_path / "bomb.mcap"
     bomb = zstandard.compress(bytes(2**30))
     for claimed in (1000, 2**30, 2**63):
-        chunk = Chunk(compression="zstd", data=bomb, message_end_time=0, message_start_time=0, uncompressed_crc=0,
+        chunk = Chunk(compression="zstd", data=bomb, message_end_time=0, message_start_time=0,
+            uncompressed_crc=0,
                       uncompressed_size=claimed)  # fmt: skip
         record = RecordBuilder()
         chunk.write(record)

@@ -1,4 +1,6 @@
-"""A message of 200 MB on a key of a run: nobody takes it in, and what else travels there goes on."""
+"""A message of 200 MB on a key of a run: nobody takes it in,
+and what else travels there goes on.
+"""
 
 import subprocess
 import sys

@@ -123,7 +123,9 @@ threading.Thread(target=tell).start()
 
 
 def test_slices_of_a_run_are_short_without_any_right() -> None:
-    """Those of a supervisor while its run lasts, those of a process in all threads that it starts."""
+    """Those of a supervisor while its run lasts,
+    those of a process in all threads that it starts.
+    """
     command = [sys.executable, "-c", SLICES]
     told = subprocess.run(
         command, capture_output=True, text=True, check=True, preexec_fn=without_the_right

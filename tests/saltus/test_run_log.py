@@ -1,4 +1,6 @@
-"""Run logs: a recording exported to plain tables reads back to the bit, and bad tables are named."""
+"""Run logs: a recording exported to plain tables reads back to the bit,
+and bad tables are named.
+"""
 
 import json
 import re

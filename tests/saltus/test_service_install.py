@@ -1,4 +1,6 @@
-"""service.txt: a computer that only serves heights needs no more than it names, and that is small."""
+"""service.txt: a computer that only serves heights needs no more than it names,
+and that is small.
+"""
 
 import contextlib
 import importlib.util

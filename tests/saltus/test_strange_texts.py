@@ -59,31 +59,38 @@ SECOND = '<body name="ball" pos="3 0 1"><freejoint/><geom size="0.1" mass="1"/><
 TOML = 'name = "mio"  # m\u00edo\n'
 FOLDERS: dict[str, tuple[dict[str, bytes], str | None]] = {
     "as they should be": ({"robot.toml": TOML.encode(), "m.xml": MODEL.encode()}, None),
-    "a TOML with a mark": ({"robot.toml": b"\xef\xbb\xbf" + TOML.encode(), "m.xml": MODEL.encode()}, None),
+    "a TOML with a mark": ({"robot.toml": b"\xef\xbb\xbf" + TOML.encode(), "m.xml": MODEL.encode()},
+        None),
     "lines of Windows": (
-        {"robot.toml": TOML.replace("\n", "\r\n").encode(), "m.xml": MODEL.replace("\n", "\r\n").encode()}, None
+        {"robot.toml": TOML.replace("\n", "\r\n").encode(),
+            "m.xml": MODEL.replace("\n", "\r\n").encode()}, None
     ),
     "one of two is named": (
         {"robot.toml": (TOML + 'mjcf = "m.xml"\n').encode(), "m.xml": MODEL.encode(), "n.xml": b""},
         None
     ),
-    "two models": ({"robot.toml": TOML.encode(), "m.xml": MODEL.encode(), "n.xml": b""}, "2 .xml files lie beside it"),
+    "two models": ({"robot.toml": TOML.encode(), "m.xml": MODEL.encode(), "n.xml": b""},
+        "2 .xml files lie beside it"),
     "no model": ({"robot.toml": TOML.encode()}, "0 .xml files lie beside it"),
     "another is named": (
         {"robot.toml": (TOML + 'mjcf = "n.xml"\n').encode(), "m.xml": MODEL.encode()},
         "there is no file '.*n.xml'"
     ),
-    "no TOML": ({"m.xml": MODEL.encode()}, "there is no .*robot.toml: name its model, .*m.xml, or write robot.toml"),
+    "no TOML": ({"m.xml": MODEL.encode()},
+        "there is no .*robot.toml: name its model, .*m.xml, or write robot.toml"),
     "nothing": ({}, "there is no .*robot.toml: put the robot's MJCF there"),
-    "a TOML in Latin-1": ({"robot.toml": TOML.encode("latin-1"), "m.xml": MODEL.encode()}, NOT_UTF8),
+    "a TOML in Latin-1": ({"robot.toml": TOML.encode("latin-1"), "m.xml": MODEL.encode()},
+        NOT_UTF8),
     "an empty model": ({"robot.toml": TOML.encode(), "m.xml": b""}, "m.xml"),
     "half a model": ({"robot.toml": TOML.encode(), "m.xml": MODEL.encode()[:900]}, "m.xml"),
-    "a URDF": ({"robot.toml": TOML.encode(), "m.xml": b'<robot name="x"><link name="a"/></robot>'}, "m.xml"),
+    "a URDF": ({"robot.toml": TOML.encode(), "m.xml": b'<robot name="x"><link name="a"/></robot>'},
+        "m.xml"),
     "a ball beside it": (
         {"robot.toml": TOML.encode(), "m.xml": MODEL.replace("</worldbody>", SECOND).encode()},
         "have a free joint each: give a model of the robot alone",
     ),
-    "held": ({"robot.toml": TOML.encode(), "m.xml": MODEL.replace(FREE, "").encode()}, "add <freejoint/> to it"),
+    "held": ({"robot.toml": TOML.encode(), "m.xml": MODEL.replace(FREE, "").encode()},
+        "add <freejoint/> to it"),
 }  # fmt: skip
 
 

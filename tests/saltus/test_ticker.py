@@ -179,7 +179,8 @@ def test_a_slowed_loop_ticks_on_the_grid_of_its_own_clock(speed: float, busy_ms:
 
 
 ROOT = Path(__file__).parents[2]
-WALL = {("time", "time"), ("time", "time_ns"), ("time", "localtime"), ("time", "gmtime"), ("time", "ctime"),
+WALL = {("time", "time"), ("time", "time_ns"), ("time", "localtime"), ("time", "gmtime"),
+    ("time", "ctime"),
         ("datetime", "now"), ("datetime", "utcnow"), ("datetime", "today"), ("date", "today"),
         ("time", "CLOCK_REALTIME")}  # fmt: skip
 READ_BY = {

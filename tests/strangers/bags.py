@@ -206,7 +206,8 @@ def packed(depth_mm: np.ndarray, form: str) -> np.ndarray:
 
 def same_log(
     log: RunLog, *, lacks: tuple[str, ...] = (), lens: tuple[float, ...] | None = None,
-    kept: tuple[int, ...] | None = None, step: int = 1, atol_mm: float = 0.0, tables: tuple[str, ...] = ("imu", "base"),
+    kept: tuple[int, ...] | None = None, step: int = 1, atol_mm: float = 0.0,
+    tables: tuple[str, ...] = ("imu", "base"),
 ) -> None:  # fmt: skip
     """All is that of the truth; `lens` is fx, fy, cx, cy,
     `kept` the images that are there, `lacks` what is not.

@@ -17,7 +17,9 @@ SECONDS = 0.3  # 150 rows and ten images
 
 @cache
 def truth() -> RunLog:
-    """The log in all files: twelve joints that move, an IMU, motion capture and ten depth images."""
+    """The log in all files: twelve joints that move, an IMU,
+    motion capture and ten depth images.
+    """
     log = body_log(seconds=SECONDS)
     t = log.joints.time_s
     phase, rate = np.arange(12.0), 6.0

@@ -1,4 +1,6 @@
-"""A robot's joints in messages and out of them: twelve motors of twenty, counted the robot's way."""
+"""A robot's joints in messages and out of them:
+twelve motors of twenty, counted the robot's way.
+"""
 
 import numpy as np
 

@@ -26,7 +26,9 @@ _FORWARD = ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
 
 
 class Cameras(NamedTuple):
-    """One camera of each robot, or two with half of the columns each: the two halves of the images."""
+    """One camera of each robot, or two with half of the columns each:
+    the two halves of the images.
+    """
 
     position: Tensor
     """In the base frame as it is known [m], shape (robots, 2, 3)."""

@@ -118,7 +118,9 @@ def _alternating(
 
 
 def _by_turns(place: Place, edges: Tensor, even: Tensor, odd: Tensor) -> Tensor:
-    """Heights by turns: of segments that begin at even edges, and of those that begin at odd ones."""
+    """Heights by turns: of segments that begin at even edges,
+    and of those that begin at odd ones.
+    """
     k = edges.shape[1] + 1
     is_odd = torch.arange(k, device=edges.device) % 2 == 0  # segment i begins at edge i - 1
     return profile(place.u, edges, torch.where(is_odd[None], odd, even))

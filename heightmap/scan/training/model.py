@@ -149,7 +149,9 @@ class ScanModel(nn.Module):
         return height, torch.where(half_width < WIDEST, half_width, beyond)
 
     def _shown(self, inputs: Inputs) -> Tensor:
-        """Numbers of about 1: heights in `USUAL_M`, half-widths and deviations by their logarithm."""
+        """Numbers of about 1: heights in `USUAL_M`,
+        half-widths and deviations by their logarithm.
+        """
         m = dict(zip(MEASURED, inputs.measured.unbind(1), strict=True))
 
         def heights(value: Tensor) -> Tensor:

@@ -175,7 +175,9 @@ def _feet(
     gait: Tensor,
     body_height: Tensor, support: Tensor, settings: FlightSettings,
 ) -> tuple[Tensor, Tensor]:  # fmt: skip
-    """Where feet stand [m] and which do: each stays where the hip is in the middle of its stance."""
+    """Where feet stand [m] and which do: each stays
+    where the hip is in the middle of its stance.
+    """
     n, steps = phase.shape
     offsets, duty = (torch.tensor(values, device=phase.device)[gait] for values in (_PHASES, _DUTY))
     turn = (phase[..., None] + offsets[:, None, :]) % 1.0

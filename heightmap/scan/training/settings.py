@@ -95,7 +95,8 @@ class FlightSettings(Value):
             above_m=(-1.0, 1.0), ahead_m=(-1.0, 1.0), aim_deg=(0.0, 180.0),
             shape=(0.1, 10.0),
             rolled=share, turned=share, pairs=share, fov_deg=(5.0, 150.0),
-            pitch_deg=(0.0, 80.0), speed_mps=(0.0, 5.0), feet=share, velocity=share, errors=(0.0, 3.0),
+            pitch_deg=(0.0, 80.0), speed_mps=(0.0, 5.0), feet=share, velocity=share,
+            errors=(0.0, 3.0),
             odometry=(0.0, 10.0),
         )  # fmt: skip
 

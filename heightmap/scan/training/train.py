@@ -150,7 +150,9 @@ class Trainer:
         )  # fmt: skip
 
     def _set(self, rate: float, updates: int) -> None:
-        """Learning rate, and how much of the mean of weights is forgotten: in the beginning more."""
+        """Learning rate, and how much of the mean of weights is forgotten:
+        in the beginning more.
+        """
         settings = self.settings
         self._forgets.fill_(1.0 - min(settings.average, (1.0 + updates) / (10.0 + updates)))
         for group in self.optimiser.param_groups:
@@ -319,8 +321,10 @@ def example(
 
 
 def train(
-    settings: ScanTrainSettings, folder: Path, *, minutes: float | None = None, updates: int | None = None,
-    device: torch.device, compiled: bool = False, progress: Callable[[Progress], None] | None = None,
+    settings: ScanTrainSettings, folder: Path, *, minutes: float | None = None,
+    updates: int | None = None,
+    device: torch.device, compiled: bool = False,
+    progress: Callable[[Progress], None] | None = None,
     save_every_s: float = 60.0, start: dict[str, Tensor] | None = None,
 ) -> ScanModel:  # fmt: skip
     """Trains until time or updates are over.

@@ -111,7 +111,9 @@ class CountRows:
 
 
 def _signed_deviance(share: Floats, due: Floats, angle: float) -> Floats:
-    """Signed square roots of the deviance of shares of lost images: few are far from a bell curve."""
+    """Signed square roots of the deviance of shares of lost images:
+    few are far from a bell curve.
+    """
     expected = USUAL_LOSS + (1.0 - USUAL_LOSS) * math.sin(angle) ** 2
     deviance = rel_entr(share, expected) + rel_entr(1.0 - share, 1.0 - expected)
     return np.asarray(np.sign(share - expected) * np.sqrt(2.0 * due * np.maximum(deviance, 0.0)))

@@ -65,7 +65,9 @@ class CameraData:
 
 
 def camera_data(log: RunLog) -> CameraData:
-    """Prepares a log; `RecordingError` where it has no image, or none within segments and motion."""
+    """Prepares a log; `RecordingError` where it has no image,
+    or none within segments and motion.
+    """
     if log.depth is None or not len(log.depth.frame_id):
         raise RecordingError("the log has no images: depth.npz is missing or empty")
     camera, motion, frames, segments = (

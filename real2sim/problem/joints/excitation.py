@@ -1,4 +1,6 @@
-"""Effects that a log of joints cannot show, how far its motion goes, and the steps of its encoders."""
+"""Effects that a log of joints cannot show, how far its motion goes,
+and the steps of its encoders.
+"""
 
 from collections.abc import Sequence
 

@@ -176,7 +176,9 @@ def _sway(rows: Rows, robot: HeldRobot) -> Sway | None:
 
 
 def windows_of(rows: Rows, branches: Indices, every: int, averaged: int) -> Windows:
-    """Windows that tile every stretch after its warm-up, each a multiple of `averaged` rows long."""
+    """Windows that tile every stretch after its warm-up,
+    each a multiple of `averaged` rows long.
+    """
     warm = round(WARM_UP_S / rows.dt_s)
     length = max(1, round(WINDOW_S / (averaged * rows.dt_s))) * averaged
     found = [

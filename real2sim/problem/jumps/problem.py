@@ -239,7 +239,9 @@ class JumpProblem(Problem):
         return np.diag(force[1:] - force[0])
 
     def _unseen(self) -> dict[str, str]:
-        """Effects that would not be seen at a usual size, at all places at once, with the reason."""
+        """Effects that would not be seen at a usual size,
+        at all places at once, with the reason.
+        """
         found = {}
         base = self.residuals(self.absent[None, None])
         for effect in dict.fromkeys(candidate.effect for candidate in self.candidates):

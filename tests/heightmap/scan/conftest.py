@@ -39,6 +39,7 @@ def small() -> ScanTrainSettings:
     """A training that takes a second a round."""
     return ScanTrainSettings(
         map=MapSettings(cells=16),
-        flight=replace(SMALL, raster_m=0.04, samples=24, images=4, families=("flat", "stairs", "stones")),
+        flight=replace(SMALL, raster_m=0.04, samples=24, images=4,
+            families=("flat", "stairs", "stones")),
         network=NetworkSettings(channels=(8, 8, 8, 8), deep=1, deep_channels=8), batch=4, round=3,
     )  # fmt: skip

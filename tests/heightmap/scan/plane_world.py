@@ -64,7 +64,9 @@ def map_network(path: Path, half_width_m: float = HALF_WIDTH_M) -> Path:
 
 @dataclass(frozen=True, kw_only=True)
 class PlaneWorld:
-    """Ground z = slope_x * x + slope_y * y, and a robot that goes over it at a constant velocity."""
+    """Ground z = slope_x * x + slope_y * y, and a robot
+    that goes over it at a constant velocity.
+    """
 
     slope: tuple[float, float] = (0.0, 0.0)
     height: float = 0.3

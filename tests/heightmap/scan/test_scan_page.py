@@ -1,4 +1,6 @@
-"""The example of docs/scan.md runs as it is printed, and tells flat ground within its half-widths."""
+"""The example of docs/scan.md runs as it is printed,
+and tells flat ground within its half-widths.
+"""
 
 import re
 from pathlib import Path

@@ -1,4 +1,6 @@
-"""Laws of the service of any grid: any mount, any grid, any dialect, and what goes wrong on robots."""
+"""Laws of the service of any grid: any mount, any grid,
+any dialect, and what goes wrong on robots.
+"""
 
 import math
 from collections.abc import Callable, Iterator
