@@ -105,6 +105,7 @@ def begin(run: Path) -> list[bytes]:
     return [payload for _, _, payload in truths][:BEGIN_STEPS]
 
 
+@pytest.mark.slow
 def test_two_lockstep_runs_of_a_seed_are_equal_and_another_seed_differs(
     first: tuple[Path, dict[str, Any]], tmp_path: Path
 ) -> None:
@@ -130,6 +131,12 @@ def test_two_lockstep_runs_of_a_seed_are_equal_and_another_seed_differs(
     assert [table[name] for name in REPEATED] == [second[name] for name in REPEATED]
     assert begin(folder) == begin(tmp_path / "second") != begin(tmp_path / "other")
     assert len(begin(folder)) == len(begin(tmp_path / "other")) == BEGIN_STEPS
+
+
+def test_a_run_goes_ahead_and_every_message_comes_at_its_rate(
+    first: tuple[Path, dict[str, Any]],
+) -> None:
+    folder, table = first
     assert load(RunConfig, folder / "run.toml").planner == "learned"
     assert table["distance_m"] > 1.0  # 1 s of standing, then at more than 1 m/s
     assert table["rejected"] == {}
@@ -158,6 +165,7 @@ def test_recording_and_report_are_there_and_whole(first: tuple[Path, dict[str, A
     opens_without_a_network(folder / "report.html")
 
 
+@pytest.mark.slow
 def test_replay_of_a_lockstep_run_gives_the_same_messages(
     first: tuple[Path, dict[str, Any]], capsys: pytest.CaptureFixture[str]
 ) -> None:

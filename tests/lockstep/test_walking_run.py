@@ -95,6 +95,7 @@ def test_each_state_gets_one_plan_of_whoever_moves_the_robot(recording: Recordin
     assert next(iter(recording.of(Heightmap))).height.shape == (SCAN_AND_LINE.size,)
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("name", [program.name for program in PROGRAMS])
 def test_every_process_repeats_to_the_bit(recording: Recording, name: str) -> None:
     comparison = Comparison(recording, name)

@@ -180,6 +180,7 @@ def test_there_is_an_example_of_every_effect() -> None:
     assert {effect.name for effect in examples} == set(EFFECTS)
 
 
+@pytest.mark.sample(9)
 @pytest.mark.parametrize(
     "profile",
     [*FAMILY, Profile(actuator=ACTUATOR, imu=EVERYTHING.imu)],

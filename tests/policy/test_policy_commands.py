@@ -14,6 +14,7 @@ KEYS = {"terrain", "params", "trials", "success_rate", "mean_speed_mps", "time_s
 STONES = ("--terrain", "stepping_stones", "--steps", "1", "--gap-m", "0.05", "--gap-max-m", "0.1")
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("heightmap", ["true-exact", "predicted"])
 def test_eval_crosses_easy_stones_and_reports(
     heightmap: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

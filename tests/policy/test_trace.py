@@ -105,6 +105,7 @@ NO_TRENCHES = {
 }
 
 
+@pytest.mark.sample(6)
 @pytest.mark.parametrize("kind", NO_TRENCHES)
 @pytest.mark.parametrize("way", [-0.3, 0.1, 0.6])
 def test_ground_that_leads_down_or_up_is_no_trench(kind: str, way: float) -> None:
@@ -116,6 +117,7 @@ def test_ground_that_leads_down_or_up_is_no_trench(kind: str, way: float) -> Non
         assert failure_of(ROBOT, FELL, trace, terrain) == "fall_in_flight", x
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("kind", ["ramp_up", "ramp_down", "stairs_down", "step_down"])
 @pytest.mark.parametrize("sole_m", [0.0, 0.02])
 def test_a_foot_that_swings_close_to_a_slope_or_down_hits_no_edge(kind: str, sole_m: float) -> None:

@@ -109,6 +109,7 @@ def test_a_file_with_one_value_changes_that_value_alone(
     check_changed(before, replace(command, config=file).defaults().training, path, new)
 
 
+@pytest.mark.sample(12)
 @each_value
 def test_a_flag_changes_its_value_alone(path: tuple[str, ...], resumed: Path) -> None:
     new = other(at(RESUMED, path))

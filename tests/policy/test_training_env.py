@@ -97,6 +97,7 @@ def test_the_policy_is_shown_what_the_deployed_stack_shows_it():
     ).all()  # level ground until 0.6 m ahead of the start
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("steps", [1, 2])
 def test_a_delay_of_plans_by_whole_steps_is_a_policy_that_answers_later(steps):
     outputs = [

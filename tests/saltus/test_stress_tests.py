@@ -34,6 +34,13 @@ def test_each_phase_has_every_file_once_and_orders_differ(tool: Any) -> None:
     assert len({tuple(files) for files in runs.values()}) == 4  # three orders, and the usual one
 
 
+def test_a_run_of_some_tests_is_another_than_one_of_all(tool: Any) -> None:
+    every, quick = (tool.pieces(["order"], [], 1, 0, marks) for marks in ("", "not slow"))
+    assert [piece.files for piece in quick] == [piece.files for piece in every]
+    assert {piece.marks for piece in quick} == {"not slow"}
+    assert not {piece.name for piece in quick} & {piece.name for piece in every}
+
+
 def test_what_passed_is_not_run_again_and_what_failed_is(
     tool: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
