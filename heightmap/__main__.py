@@ -50,7 +50,9 @@ def body(
 
 
 def _scan_of_run(context: ProcessContext) -> ScanChoice | None:
-    """Heights of a run that is of another grid than the line; None of the line."""
+    """Heights of a run that is of another grid than the line; None of the line, or of true heights."""
+    if context.config.heights == "true":
+        return None
     model = context.config.heightmap_model
     path = None if model is None else Path(model)
     return ScanChoice.of_flags(context.config.grid, None, (), ROBOT_BODY, path)
@@ -58,7 +60,8 @@ def _scan_of_run(context: ProcessContext) -> ScanChoice | None:
 
 def _run(context: ProcessContext, own: argparse.Namespace) -> None:
     """Reads what the arguments name: where something is wrong with it, the process says so."""
-    grid = own.grid or context.config.grid
+    is_true = context.config.heights == "true" and not own.beside
+    grid = own.grid or ("" if is_true else context.config.grid)
     scan = ScanChoice.of_flags(grid, own.dialect, own.cameras, own.body, own.model)
     if scan is None and own.model is not None:
         raise ConfigError("--model needs a grid: --grid scan; the line's network is run.toml's")

@@ -23,6 +23,7 @@ PlannerName = Literal["scripted", "learned"]
 PLAN_TOPICS = ("policy/plan", "policy/joints")
 """Topics of plans for jumps, and of joint targets."""
 RunPlanner = Literal["scripted", "learned", "walking"]
+RunHeights = Literal["predicted", "true"]
 Link = Literal["here", "dds"]
 
 Config = TypeVar("Config")
@@ -109,6 +110,9 @@ class RunConfig:
     """Path of the learned planner's ONNX file; by default the shipped policy."""
     heightmap_model: str | None = None
     """Path of the heightmap service's ONNX file; by default the shipped one."""
+    heights: RunHeights = "predicted"
+    """predicted: the heightmap service's network makes them of images. true: the service says the
+    ground as the simulator has it."""
     commands: str | None = None
     """Path of a script of commands (`saltus.drive.script`), which an operator's process gives: in
     lockstep the planner waits for the command of each step."""

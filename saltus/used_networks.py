@@ -34,9 +34,14 @@ def models_of(run: RunConfig) -> dict[str, str]:
     Raises:
         ModelError: a file cannot be read.
     """
-    paths = {"heightmap": model_path("heightmap", run.heightmap_model)}
+    walks = run.planner == "walking"
+    paths = {}
+    if run.heights == "predicted":
+        paths["heightmap"] = model_path("scan" if walks else "heightmap", run.heightmap_model)
     if run.planner == "learned":
         paths["policy"] = model_path("policy", run.policy_model)
+    if walks and run.policy_model is not None:
+        paths["walk"] = Path(run.policy_model)
     try:
         return {kind: model_id(path.read_bytes()) for kind, path in paths.items()}
     except OSError as error:

@@ -11,6 +11,7 @@ from saltus.heightmap.service.link import RobotLink
 from saltus.heightmap.service.model_inbox import FILE, ModelInbox
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.scan_fleet import ScanChoice, ScanFleet
+from saltus.heightmap.service.true_fleet import TrueFleet
 from saltus.runtime.process import STATUS_PERIOD_S, ProcessContext
 from saltus.used_networks import model_path
 
@@ -28,6 +29,7 @@ class HeightmapProcess:
     (`saltus.heightmap.service.model_inbox`) replaces the one in use, in real time only: a lockstep
     run must repeat. With a `scan` its grid is served in place of the line, by the network of any
     grid, which is not replaced; a run whose model is such a network has its own grid served by it.
+    A run on true heights has them from the simulator's truth.
     """
 
     def __init__(self, contexts: Sequence[ProcessContext], scan: ScanChoice | None = None) -> None:
@@ -38,17 +40,19 @@ class HeightmapProcess:
         self._told = (0, 0)
         self._inbox: ModelInbox | None = None
         names = [context.bus.prefix for context in contexts]
+        is_true = scan is None and first.config.heights == "true"
         scan = scan or ScanChoice.of_run(setup.grid, first.config.heightmap_model)
-        if scan is not None:
+        cameras: list[str] = []
+        if is_true:
+            self._fleet: FleetService | ScanFleet | TrueFleet = TrueFleet(contexts)
+        elif scan is not None:
             rig = scan.rig(setup.robot, setup.camera)
-            self._fleet: FleetService | ScanFleet = ScanFleet(
-                scan.network(), rig, names, depth, at_once=self._lockstep
-            )
+            self._fleet = ScanFleet(scan.network(), rig, names, depth, at_once=self._lockstep)
             cameras = [camera for camera in rig.cameras if camera]
         else:
             model = model_path("heightmap", first.config.heightmap_model)
             network = HeightmapNetwork(setup.robot, model, setup.grid)
-            self._fleet, cameras = FleetService(network, names, depth), []
+            self._fleet = FleetService(network, names, depth)
             self._inbox = ModelInbox(setup.robot, setup.grid, first.run_dir / FILE)
         self._links = {
             context.bus.prefix: RobotLink(context, depth, cameras) for context in contexts

@@ -9,7 +9,7 @@ from saltus.controller.loop import ControlLoop
 from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.controller.tick import Tick
 from saltus.drive.wish import Wish
-from saltus.loop.heights import true_heightmap
+from saltus.loop.heights import true_heightmap, true_heights
 from saltus.policy.mover import Mover
 from saltus.policy.process import PlannerProcess
 from saltus.setup import Setup
@@ -50,9 +50,9 @@ class TrueSight:
     def __call__(self, state: RobotState, truth: PlantState) -> Heightmap:
         """The heights on the grid of the setup."""
         pose = truth.position_base_in_world, truth.quaternion_base_in_world
-        return true_heightmap(
-            self._setup.terrain, self._setup.grid, *pose, time_ns=state.time_ns, step=state.step
-        )
+        grid = self._setup.grid
+        heights = true_heights(self._setup.terrain, *pose, grid)
+        return true_heightmap(grid.x, grid.y, heights, time_ns=state.time_ns, step=state.step)
 
 
 def walk(

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from saltus.config import Pace, Renderer, RunConfig, RunPlanner, TerrainConfig
+from saltus.config import Pace, Renderer, RunConfig, RunHeights, RunPlanner, TerrainConfig
 from saltus.errors import ConfigError
 from saltus.flags import shown
 from saltus.grid import DEFAULT_GRID, WALKING_GRID, load_grid
@@ -109,6 +109,9 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
     """scripted: rules that read the heightmap. learned: a network. walking: a network that follows
     commands (saltus drive), from --policy-model, on the 187 heights of the scan; told to jump, the
     robot jumps by the shipped policy, or by rules where that was made for another robot."""
+    heights: RunHeights = "predicted"
+    """predicted: by the heightmap service's network, of the camera's images. true: the ground as
+    the simulator has it, to compare with."""
     commands: Annotated[Path | None, shown("PATH", "none")] = None
     """Script of commands, as of saltus drive --script, by the time of the run."""
     out: Annotated[Path | None, shown("PATH", "a new one under runs/")] = None
@@ -150,7 +153,7 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
             seed=self.seed,
             pace=self.pace,
             camera=self.camera, renderer=self.renderer, profile=self.profile, known=self.known,
-            planner=self.planner,
+            planner=self.planner, heights=self.heights,
             policy_model=policy, heightmap_model=heightmap, speed=self.speed,
             commands=None if self.commands is None else str(self.commands),
             time_limit_s=time_limit_s,

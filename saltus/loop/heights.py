@@ -61,29 +61,27 @@ def true_heights(
 
 
 def true_heightmap(
-    ground: Ground,
-    grid: HeightGrid,
-    position: Floats,
-    quaternion: Floats,
+    x: Sequence[float] | Floats,
+    y: Sequence[float] | Floats,
+    height: Sequence[float] | Floats,
     *,
     time_ns: int,
     step: int,
 ) -> Heightmap:
-    """The message of a service that knows the ground, of one robot: heights as they are, sure, and new.
+    """The message of a service that knows the ground: heights as they are, sure, and new.
 
     Args:
-        ground: Its terrain.
-        grid: Points of the heights.
-        position: Of the base in the world [m], shape (3,).
-        quaternion: Base to world, shape (4,).
+        x: Rows of their grid [m].
+        y: Its columns [m].
+        height: Relative to the base [m], shape (rows * columns,).
         time_ns: Of the state that is answered.
         step: The same.
     """
+    heights = np.asarray(height, np.float64)
     return Heightmap(
-        time_ns=time_ns, step=step, x=np.array(grid.x), y=np.array(grid.y),
-        height=np.asarray(true_heights(ground, position, quaternion, grid)),
-        half_width_90=np.zeros(grid.size), status=HeightmapStatus.OK, depth_age_s=0.0,
-        frame_id=step, model_id=TRUE_MODEL, seen_share=1.0, age_s=np.zeros(grid.size),
+        time_ns=time_ns, step=step, x=np.asarray(x), y=np.asarray(y), height=heights,
+        half_width_90=np.zeros_like(heights), status=HeightmapStatus.OK, depth_age_s=0.0,
+        frame_id=-1, model_id=TRUE_MODEL, seen_share=1.0, age_s=np.zeros_like(heights),
     )  # fmt: skip
 
 

@@ -82,7 +82,7 @@ _ROWS = (
         max_extra_age_s=COMMAND_AGE_S,
     ),
     Topic("controller/joints", messages.JointLog, "controller", nominal_age_s=0.010),
-    Topic("plant/truth", messages.GroundTruth, "controller", ("render",)),
+    Topic("plant/truth", messages.GroundTruth, "controller", ("render", "heightmap")),
     Topic("done", messages.Done, "*", ("controller",), 0.0, max_extra_age_s=1.0),
     Topic(
         "event",
