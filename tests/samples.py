@@ -41,6 +41,7 @@ torque_speed_limit = {corner = 0.0, no_load = [15, 15, 10, 15, 15, 10, 15, 15, 1
 torque_saturation.curve = [[5.0, 5.0], [15.0, 14.12], [25.0, 20.34], [35.0, 25.68]]
 torque_gain.gain = [0.8, 0.9, 1.1, 0.8, 0.9, 1.1, 0.8, 0.9, 1.1, 0.8, 0.9, 1.1]
 battery_sag = {loss_at_end = 0.5, duration_s = 0.1}
+voltage_sag = {per_kw = 0.1, brown_out = 0.2}
 backlash.width = 0.02
 joint_spring = {torque = 1.0, stiffness = 2.0}
 end_stop = {upper = [0.1, 1.0, -1.5, 0.1, 1.0, -1.5, 0.1, 1.0, -1.5, 0.1, 1.0, -1.5], stiffness = 100.0}

@@ -15,6 +15,12 @@ Logs (`benchmarks.unitree_link.logs`): each of a robot with one hidden effect, w
 name. They go on where they were left when --out names a folder that was begun before.
 
     saltus bench unitree_link -- --measures logs --out runs/go2_logs
+
+Preflights and faults (`benchmarks.unitree_link.planted`): healthy robots and planted faults, over no
+network.
+
+    saltus bench unitree_link -- --measures preflight --seeds 20 --planted 5
+    saltus bench unitree_link -- --measures faults --seeds 20
 """
 
 import json
@@ -32,6 +38,7 @@ import numpy as np
 
 from benchmarks._command import Command, progress, tell
 from benchmarks.unitree_link.logs import HIDDEN, found
+from benchmarks.unitree_link.planted import preflights, runs
 from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT
 from saltus.controller.robot.unitree.link import COMMANDS, STATES, UnitreeLink
@@ -73,7 +80,11 @@ class Benchmark(Command):
     The peer ends by 0, or by 3 where a command was lost on the way: nobody repeats them.
     """
 
-    measures: Literal["round_trips", "logs"] = "round_trips"
+    measures: Literal["round_trips", "logs", "preflight", "faults"] = "round_trips"
+    seeds: int = 20
+    """Number of healthy robots in preflights, or of runs with each kind of fault."""
+    planted: int = 5
+    """Number of preflights with each kind of fault."""
     logs: int = len(HIDDEN)
     """Number of logs."""
     first_seed: int = 580
@@ -87,8 +98,12 @@ class Benchmark(Command):
 
     def measure(self) -> dict[str, Any]:
         """Round trips [ms], p50, p99 and the longest,
-        and the ratio of the two p99; or names of effects.
+        and the ratio of the two p99; or what was found.
         """
+        if self.measures == "preflight":
+            return preflights(self.seeds, self.planted)
+        if self.measures == "faults":
+            return {"runs": runs(self.seeds)}
         return self._found() if self.measures == "logs" else self._round_trips()
 
     def _found(self) -> dict[str, Any]:

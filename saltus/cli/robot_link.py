@@ -153,6 +153,7 @@ class Simulate(PaceOptions, LinkOptions):
     def _simulated(self, robot: "Robot") -> "SimulatedUnitree":
         from saltus.controller.robot.unitree.faults import Fault, Faults
         from saltus.controller.robot.unitree.simulated import SimulatedUnitree
+        from saltus.effects.motors import VoltageSag
         from saltus.effects.profile import load_profile
         from saltus.sim.plant import Plant
         from saltus.terrain.curriculum import make_terrain
@@ -169,7 +170,8 @@ class Simulate(PaceOptions, LinkOptions):
         )  # fmt: skip
         plant.reset(position_x=trial.position_x, yaw=trial.yaw)
         faults = Faults([Fault.parse(text) for text in self.fault], self.seed)
-        return SimulatedUnitree(plant, faults, self.seed)
+        sag = next((each for each in profile.actuator if isinstance(each, VoltageSag)), None)
+        return SimulatedUnitree(plant, faults, self.seed, sag)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -378,12 +380,13 @@ class Run(PaceOptions, LinkOptions):
                 await_person(kind.name)
             robot.reset()
             run, ends_s = self._begun(robot, kind)
-            peak_a = 0.0
+            peak_a, least_v = 0.0, math.inf
             try:
                 while run.time_s < ends_s and not robot.fault:
                     wait()
                     run.step()
                     peak_a = max(peak_a, float(robot.message["power_a"]))
+                    least_v = min(least_v, float(robot.message["power_v"]))
             finally:  # after Ctrl-C, too: it lands and stands, or is damped
                 end_s = run.time_s + LAND_S
                 while run.time_s < end_s:
@@ -393,8 +396,8 @@ class Run(PaceOptions, LinkOptions):
         print(
             f"{f'damped, as {robot.fault}' if robot.fault else mode} after {run.time_s:.1f} s; "
             f"{health.lost} of {health.states + health.lost} states lost; "
-            f"at most {run.peak_power_w:.0f} W at the joints, {peak_a:.1f} A from the battery by "
-            "the robot's own word"
+            f"at most {run.peak_power_w:.0f} W at the joints, {peak_a:.1f} A from the battery, "
+            f"which fell to {least_v:.1f} V, by the robot's own word"
         )
         return 1 if robot.fault or (mode == "DAMP" and self.stage in STAGES) else 0
 

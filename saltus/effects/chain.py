@@ -35,6 +35,7 @@ from saltus.effects.motors import (
     TorqueGain,
     TorqueSaturation,
     TorqueSpeedLimit,
+    VoltageSag,
 )
 from saltus.effects.order import Chain, Order, SignalChain, applied, chosen_of
 from saltus.effects.signals import Drive, JointState, Resistance
@@ -51,6 +52,7 @@ TORQUE_ORDER: Order = (
     TorqueSaturation,
     TorqueGain,
     BatterySag,
+    VoltageSag,
     Backlash,
     JointSpring,
     EndStop,
@@ -125,8 +127,8 @@ class ActuatorChain(Chain):
 
     command_delay, feedforward_delay; encoder_bias, encoder_quantisation, velocity_filter,
     velocity_scale; PD on the drive's own encoder; actuator_lag, torque_speed_limit,
-    torque_saturation, torque_gain, battery_sag, backlash, joint_spring, end_stop; friction and
-    armature.
+    torque_saturation, torque_gain, battery_sag, voltage_sag, backlash, joint_spring, end_stop;
+    friction and armature.
     """
 
     order: ClassVar[Order] = COMMAND_ORDER + SENSOR_ORDER + TORQUE_ORDER + JOINT_ORDER

@@ -256,3 +256,37 @@ class BatterySag(Effect[Drive], name="battery_sag", site="torque"):
             "loss_at_end", signal.torque
         )
         return replace(signal, torque=signal.torque * (1.0 - lost)), None
+
+
+W_PER_KW = 1e3
+
+
+@dataclass(frozen=True, kw_only=True)
+class VoltageSag(Effect[Drive], name="voltage_sag", site="torque"):
+    """The battery's voltage falls with the power of all joints together, and with it the torque along their motion.
+
+    Each kW that the joints then take costs the share `per_kw`. Joints that brake give nothing back.
+    Where less than the share `brown_out` is left, the robot goes out: no joint gives torque again.
+    """
+
+    # resistance over the square of the voltage: 0.114 for eight cells of 12 mOhm at 29.6 V
+    per_kw: float = parameter(unit="1/kW", null=0.0, low=0.0, high=2.0)
+    brown_out: float = parameter(unit="", null=0.0, low=0.0, high=0.95)
+
+    def first(self, signal: Drive) -> Array:
+        """1 of a robot that is on, shape (..., 1)."""
+        return namespace(signal.torque).ones_like(signal.torque[..., :1])
+
+    def apply(self, signal: Drive, time_s: Array, state: Array) -> tuple[Drive, Array]:
+        """Scales torque along the motion; the state is 0 of a robot that has gone out, shape (..., 1)."""
+        on = self.first(signal) if state is None else state
+        torque, xp = signal.torque, namespace(signal.torque)
+        power = torque * signal.velocity
+        asked_w = xp.sum(xp.where(power > 0.0, power, 0.0), axis=-1, keepdims=True)
+        left = self.left(asked_w)
+        on = xp.where(left < self.brown_out, 0.0 * on, on)
+        return replace(signal, torque=on * xp.where(power > 0.0, left * torque, torque)), on
+
+    def left(self, asked_w: Floats) -> Floats:
+        """Share of the voltage that is left where joints are asked for a power along their motion [W]."""
+        return 1.0 / (1.0 + self.per_kw * asked_w / W_PER_KW)

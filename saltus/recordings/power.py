@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from saltus.effects.motors import VoltageSag
 from saltus.recordings.recording import Recording
 from saltus.robots.robot import JOINTS
 from saltus.wire.messages import ControllerMode, JointLog, RobotState
@@ -25,6 +26,8 @@ class MotionPower:
     """Joint with the greatest power of its own."""
     joint_w: float
     """Greatest power of that joint."""
+    voltage_left: float = 1.0
+    """Least share of the battery's voltage, by the effect `voltage_sag` of the run's profile."""
 
 
 def motion_powers(recording: Recording) -> tuple[MotionPower, ...]:
@@ -36,10 +39,16 @@ def motion_powers(recording: Recording) -> tuple[MotionPower, ...]:
     for log in recording.of(JointLog):
         if log.step in modes and len(log.velocity):
             rows.setdefault(ControllerMode(modes[log.step]), []).append(log)
-    return tuple(_power(mode, logs) for mode, logs in rows.items())
+    sag = _sag(recording) if rows else VoltageSag()
+    return tuple(_power(mode, logs, sag) for mode, logs in rows.items())
 
 
-def _power(mode: ControllerMode, logs: list[JointLog]) -> MotionPower:
+def _sag(recording: Recording) -> VoltageSag:
+    effects = recording.setup.profile.actuator
+    return next((each for each in effects if isinstance(each, VoltageSag)), VoltageSag())
+
+
+def _power(mode: ControllerMode, logs: list[JointLog], sag: VoltageSag) -> MotionPower:
     each = np.concatenate([log.torque_estimated * log.velocity for log in logs])
     total = each.sum(axis=1)
     joint = int(np.argmax(each.max(axis=0)))
@@ -47,4 +56,5 @@ def _power(mode: ControllerMode, logs: list[JointLog]) -> MotionPower:
         motion=mode.name.lower(), seconds=sum(log.dt_s * len(log.velocity) for log in logs),
         peak_w=float(total.max()), driving_w=float(total.clip(min=0.0).mean()),
         joint=JOINTS[joint], joint_w=float(each[:, joint].max()),
+        voltage_left=float(sag.left(each.clip(min=0.0).sum(axis=1)).min()),
     )  # fmt: skip

@@ -143,6 +143,7 @@ def write_report(
                 f"{each.peak_w:.0f} W",
                 f"{each.driving_w:.0f} W",
                 f"{each.joint}, {each.joint_w:.0f} W",
+                f"{100.0 * each.voltage_left:.0f} %",
             )
             for each in summary.motions
         ],

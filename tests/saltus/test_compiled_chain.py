@@ -25,6 +25,7 @@ EFFECTS: tuple[Effect[Any], ...] = (
     motors.TorqueSpeedLimit(corner=5.0, no_load=20.0),
     motors.TorqueSaturation(knee=8.0, plateau=12.0),
     motors.TorqueGain(gain=GAINS), motors.BatterySag(loss_at_end=0.3, duration_s=1.0),
+    motors.VoltageSag(per_kw=0.5, brown_out=0.3),
     Backlash(width=0.02), joint_loads.JointSpring(torque=0.5, stiffness=2.0),
     joint_loads.EndStop(upper=tuple(ROBOT.stand_pose + 0.1)),
     joint_loads.ViscousFriction(coefficient=0.4), joint_loads.CoulombFriction(torque=0.5),

@@ -70,6 +70,8 @@ _EXAMPLES: tuple[Effect[Any], ...] = (
     motors.TorqueGain(gain=0.9),
     motors.TorqueGain(gain=PER_JOINT),
     motors.BatterySag(loss_at_end=0.2, duration_s=5.0),
+    motors.VoltageSag(per_kw=0.2),
+    motors.VoltageSag(per_kw=0.2, brown_out=0.7),
     Backlash(width=0.01),
     Backlash(width=PER_JOINT_SMALL),
     joint_loads.JointSpring(torque=0.2),

@@ -15,7 +15,7 @@ from saltus.effects.body import BaseRoll
 from saltus.effects.chain import ActuatorChain, BodyChain
 from saltus.effects.effect import Effect
 from saltus.effects.encoders import EncoderBias, EncoderQuantisation, VelocityFilter, VelocityScale
-from saltus.effects.motors import BatterySag
+from saltus.effects.motors import BatterySag, VoltageSag
 from saltus.effects.signals import Drive, JointState, Resistance
 from saltus.joint_command import JointCommand
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
@@ -43,6 +43,7 @@ ALL = (
     *SENSING,
     Backlash(width=0.02),
     BatterySag(loss_at_end=0.3, duration_s=1.0),
+    VoltageSag(per_kw=0.5),
     joint_loads.JointSpring(torque=0.5, stiffness=2.0),
     joint_loads.EndStop(upper=tuple(ROBOT.stand_pose + 0.1)),
 )
@@ -212,6 +213,38 @@ def test_sag_is_linear_and_ends() -> None:
     for time_s, gain in ((-1.0, 1.0), (0.0, 1.0), (5.0, 0.9), (10.0, 0.8), (20.0, 0.8)):
         out, _ = sag.apply(Drive(torque=ZERO + 10.0, position=ZERO, velocity=ZERO), time_s, None)
         np.testing.assert_allclose(out.torque, 10.0 * gain)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_voltage_falls_with_the_power_that_is_taken_and_no_power_is_beyond_the_battery(
+    seed: int,
+) -> None:
+    rng = np.random.default_rng(seed)
+    sag = VoltageSag(per_kw=float(rng.uniform(0.05, 2.0)))
+    for scale in (0.0, 1.0, 30.0, 3000.0):
+        torque, velocity = scale * rng.normal(size=(2, 4, 12))
+        drive = Drive(torque=torque, position=0.0 * torque, velocity=velocity)
+        out, on = sag.apply(drive, 0.0, None)
+        assert np.all(on == 1.0)
+        along = torque * velocity > 0.0
+        np.testing.assert_array_equal(out.torque[~along], torque[~along])
+        taken_kw = 1e-3 * np.where(along, out.torque * velocity, 0.0).sum(axis=1, keepdims=True)
+        left = np.broadcast_to(1.0 - sag.per_kw * taken_kw, torque.shape)
+        np.testing.assert_allclose(out.torque[along], (left * torque)[along], rtol=1e-9)
+        assert np.all(taken_kw < 1.0 / sag.per_kw)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_robot_that_goes_out_gives_no_torque_again(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    sag = VoltageSag(per_kw=0.1, brown_out=float(rng.uniform(0.3, 0.9)))
+    power_w = 1e3 * (1.0 / sag.brown_out - 1.0) / sag.per_kw  # at which it goes out
+    memory = None
+    for share, gives in ((0.99, True), (0.5, True), (1.01, False), (0.0, False), (0.5, False)):
+        drive = Drive(torque=ZERO + power_w / 12.0, position=ZERO, velocity=ZERO + share)
+        out, memory = sag.apply(drive, 0.0, memory)
+        assert bool(np.all(out.torque > 0.0)) is gives
+        assert gives or not out.torque.any()
 
 
 def test_a_filtered_ramp_is_late_by_the_time_constant() -> None:

@@ -9,6 +9,7 @@ from saltus.controller.robot.unitree.faults import Faults
 from saltus.controller.robot.unitree.messages import LOW_COMMAND, LOW_STATE, Message, is_intact
 from saltus.controller.robot.unitree.motion_service import SimulatedMotionService
 from saltus.controller.robot.unitree.truth import truth_payload
+from saltus.effects.motors import VoltageSag
 from saltus.errors import MessageError
 from saltus.joint_command import JointCommand
 from saltus.robots.robot import Robot
@@ -36,9 +37,17 @@ class SimulatedUnitree:
         plant: Robot and ground, with the effects of its hardware.
         faults: Faults on demand.
         seed: Seed of the noise.
+        sag: Fall of the battery's voltage, which it also tells; the plant's own effect.
     """
 
-    def __init__(self, plant: Plant, faults: Faults | None = None, seed: int = 0) -> None:
+    def __init__(
+        self,
+        plant: Plant,
+        faults: Faults | None = None,
+        seed: int = 0,
+        sag: VoltageSag | None = None,
+    ) -> None:
+        self._sag = sag or VoltageSag()
         self._noise = np.random.default_rng(seed)
         self._plant, self._faults = plant, faults or Faults(())
         self._command = _holding(plant.robot)
@@ -120,10 +129,11 @@ class SimulatedUnitree:
         message["foot_force"] = np.clip(plant.state.foot_force, 0, np.iinfo(np.int16).max)
         message["bms_state"]["soc"] = CHARGE_PERCENT
         message["bms_state"]["cell_vol"][:CELLS] = CELL_MV
-        message["power_v"] = volts = CELLS * CELL_MV * 1e-3
         # Of the joints alone: what motors and computers lose is not simulated
-        power_w = float(plant.state.joint_torque @ plant.state.joint_velocity)
-        message["power_a"] = max(power_w, 0.0) / volts
+        power_w = plant.state.joint_torque * plant.state.joint_velocity
+        left = float(self._sag.left(power_w.clip(min=0.0).sum()))
+        message["power_v"] = left * CELLS * CELL_MV * 1e-3
+        message["power_a"] = max(float(power_w.sum()), 0.0) / (CELLS * CELL_MV * 1e-3)
         message["imu_state"]["temperature"] = BOARD_C
         message["temperature_ntc1"] = message["temperature_ntc2"] = BOARD_C
         return message

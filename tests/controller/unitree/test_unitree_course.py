@@ -8,10 +8,10 @@ import pytest
 from memory_bus import MemoryBus, MemoryHub
 from samples import put_run, setup_of
 from stand_ins import PREFIX, StandIns, of
-from unitree_memory import ROBOT, Wire, simulated
 from unitree_processes import simulated as simulated_process
 
 from benchmarks.unitree_link.command import own_domain
+from benchmarks.unitree_link.in_memory import ROBOT, Wire, simulated
 from saltus.config import Pace, RunConfig, TerrainConfig
 from saltus.controller import __main__ as controller
 from saltus.controller.rising import RISE_S

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from unitree_memory import ROBOT, tick
 from unitree_processes import simulated
 
 from benchmarks.unitree_link.command import LOOPBACK, compiled, own_domain
+from benchmarks.unitree_link.in_memory import ROBOT, tick
 from saltus.clock import RunClock
 from saltus.controller.loop import ControlLoop
 from saltus.controller.robot.unitree.link import COMMANDS, STATES, TRUTHS, UnitreeLink

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from rosbags import rosbag2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from unitree_memory import ROBOT, Run, tick
 from unitree_processes import saltus, simulated
 
 from benchmarks.unitree_link.command import own_domain
+from benchmarks.unitree_link.in_memory import ROBOT, Run, tick
 from saltus.constants import PHYSICS_DT
 from saltus.controller.loop import ControlLoop
 from saltus.controller.robot.unitree.link import COMMANDS, STATES, UnitreeLink

@@ -6,11 +6,11 @@ import time
 from pathlib import Path
 
 import pytest
-from unitree_memory import ROBOT, Wire, simulated
 from unitree_processes import saltus
 from unitree_processes import simulated as simulated_process
 
 from benchmarks.unitree_link.command import LOOPBACK, compiled, own_domain
+from benchmarks.unitree_link.in_memory import ROBOT, Wire, simulated
 from saltus.controller.robot.unitree import motion_service
 from saltus.controller.robot.unitree.link import ANSWERS, COMMANDS, REQUESTS, STATES, UnitreeLink
 from saltus.controller.robot.unitree.motion_service import MotionService, request

@@ -3,14 +3,13 @@
 import json
 
 import pytest
-from unitree_memory import ROBOT, Wire, simulated
 from unitree_processes import saltus
 from unitree_processes import simulated as simulated_process
 
 from benchmarks.unitree_link.command import own_domain
+from benchmarks.unitree_link.in_memory import Wire, checks, simulated
 from saltus.controller.robot.unitree.faults import KINDS
 from saltus.controller.robot.unitree.messages import LOW_COMMAND, MOTORS
-from saltus.controller.robot.unitree.preflight import preflight
 from saltus.robots.robot import JOINTS
 
 PATIENCE_S = 100.0
@@ -25,12 +24,7 @@ FOUND_BY = {
 
 
 def checked(wire: Wire, *, stands: bool = False) -> dict[str, bool]:
-    def wait() -> float:
-        wire.tick()
-        return wire.elapsed_s()
-
-    checks = preflight(wire, ROBOT, wire, wait, stands=stands)  # type: ignore[arg-type]
-    return {check.name: check.passed for check in checks}
+    return {check.name: check.passed for check in checks(wire, stands=stands)}
 
 
 def refused(*faults: str, seed: int = 0, stands: bool = False) -> set[str]:
@@ -84,9 +78,9 @@ def test_a_turned_imu_is_found_of_a_standing_robot() -> None:
 @pytest.mark.parametrize("stands", [False, True], ids=["hangs", "stands"])
 def test_healthy_robots_pass_all_checks(seed: int, stands: bool) -> None:
     wire = Wire(simulated(seed=seed, held=not stands))
-    checks = checked(wire, stands=stands)
-    assert all(checks.values())
-    assert len(checks) == (11 if stands else 16)
+    found = checked(wire, stands=stands)
+    assert all(found.values())
+    assert len(found) == (11 if stands else 16)
     if stands:
         assert not wire.sent
     else:  # it is left damped

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from unitree_memory import ROBOT, Run, Wire, simulated
 
+from benchmarks.unitree_link.in_memory import ROBOT, Run, Wire, simulated
 from saltus.controller.robot.unitree.drives import (
     command_message,
     command_of,

@@ -2,19 +2,16 @@
 
 import numpy as np
 import pytest
-from unitree_memory import ROBOT, Wire
-from unitree_memory import simulated as simulated_here
 from unitree_processes import saltus, simulated
 
 from benchmarks.unitree_link.command import own_domain
+from benchmarks.unitree_link.in_memory import ROBOT, Bounding, Wire
+from benchmarks.unitree_link.in_memory import simulated as simulated_here
 from saltus.controller.rising import RISE_S
 from saltus.controller.robot.unitree.limits import STAGES, StageLimits
 from saltus.controller.robot.unitree.messages import LOW_COMMAND, MOTORS
 from saltus.controller.robot.unitree.robot import UnitreeRobot
 from saltus.errors import ConfigError
-from saltus.grid import DEFAULT_GRID, load_grid
-from saltus.policy.level_run import LevelRun
-from saltus.policy.planner import make_planner
 from saltus.real2sim.experiments import motions
 from saltus.real2sim.experiments.menu import Experiment
 from saltus.real2sim.experiments.motions import repeated
@@ -23,24 +20,7 @@ from saltus.real2sim.experiments.safety import Limits, UnsafeMotionError
 from saltus.wire.messages import ControllerMode
 
 PATIENCE_S = 100.0
-GRID = load_grid(DEFAULT_GRID)
 STANDS_S = RISE_S + 1.0
-
-
-class Bounding:
-    """A robot that bounds, and the wire to it."""
-
-    def __init__(self, *faults: str, seed: int = 0, limits: StageLimits = STAGES["bound"]) -> None:
-        self.wire = Wire(simulated_here(*faults, seed=seed))
-        self.wire.tick()
-        self.robot = UnitreeRobot(self.wire, ROBOT, self.wire, limits=limits)  # type: ignore[arg-type]
-        self.robot.reset()
-        self.run = LevelRun(self.robot, ROBOT, GRID, make_planner("scripted", ROBOT, GRID))
-
-    def until(self, time_s: float, *, halt: bool = False) -> None:
-        while self.run.time_s < time_s:
-            self.run.step(halt=halt)
-            self.wire.tick()
 
 
 @pytest.mark.sample(1)

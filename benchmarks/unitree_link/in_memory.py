@@ -8,6 +8,7 @@ import numpy as np
 from saltus.constants import PHYSICS_DT
 from saltus.controller.loop import ControlLoop
 from saltus.controller.robot.unitree.faults import Fault, Faults
+from saltus.controller.robot.unitree.limits import STAGES, StageLimits
 from saltus.controller.robot.unitree.link import (
     ANSWERS,
     COMMANDS,
@@ -16,20 +17,27 @@ from saltus.controller.robot.unitree.link import (
     TRUTHS,
     Arrived,
 )
+from saltus.controller.robot.unitree.listening import Check
+from saltus.controller.robot.unitree.preflight import preflight
 from saltus.controller.robot.unitree.robot import UnitreeRobot
 from saltus.controller.robot.unitree.simulated import SimulatedUnitree
 from saltus.controller.tick import CompiledTick
 from saltus.effects.profile import load_profile
+from saltus.grid import DEFAULT_GRID, load_grid
+from saltus.policy.level_run import LevelRun
+from saltus.policy.planner import make_planner
 from saltus.robots.loading import load_robot
 from saltus.sim.plant import Plant
 from saltus.terrain import flat
 from saltus.trial import Trial
 
 ROBOT = load_robot("go2")
+GRID = load_grid(DEFAULT_GRID)
 
 
 @cache
 def tick() -> CompiledTick:
+    """The leg law, compiled once."""
     return CompiledTick(ROBOT)
 
 
@@ -51,14 +59,17 @@ class Wire:
         self._come: dict[str, list[Arrived]] = {STATES: [], TRUTHS: [], ANSWERS: []}
 
     def elapsed_s(self) -> float:
+        """Time of the robot, as its clock [s]."""
         return self.robot.time_s
 
     def tick(self) -> None:
+        """Advances the robot by 2 ms."""
         said = {STATES: self.robot.step(), TRUTHS: [self.robot.truth()]}
         for topic, payloads in said.items():
             self._come[topic] += [Arrived(payload, 0, 0) for payload in payloads]
 
     def send(self, topic: str, payload: bytes) -> None:
+        """As of `UnitreeLink`, at once."""
         if topic == REQUESTS:
             self._come[ANSWERS] += [Arrived(each, 0, 0) for each in self.robot.answer(payload)]
             return
@@ -67,19 +78,21 @@ class Wire:
         self.robot.hear(payload)
 
     def take(self, topic: str) -> list[Arrived]:
+        """As of `UnitreeLink`."""
         come, self._come[topic] = self._come[topic], []
         return come
 
     def wait(self, topic: str, seconds: float) -> None:
-        pass
+        """Returns at once."""
 
     def others(self, topic: str) -> tuple[str, ...]:
+        """As of `UnitreeLink`: `strangers`, and the robot's own service while it moves it."""
         if topic == ANSWERS:
             return ("its service",)
         return (*self.strangers, *(["its service"] if self.robot.mode else []))
 
     def close(self) -> None:
-        pass
+        """Does nothing."""
 
 
 class Run:
@@ -93,10 +106,39 @@ class Run:
         self.robot.reset()
 
     def step(self) -> None:
+        """Our tick, and then the robot's."""
         self.loop.sense(self.robot.read())
         self.robot.write(self.loop.act(None, np.inf))
         self.wire.tick()
 
     def until(self, time_s: float) -> None:
+        """Goes on to a time of the robot [s]."""
         while self.wire.robot.time_s < time_s - 0.5 * PHYSICS_DT:
             self.step()
+
+
+class Bounding:
+    """A robot that is told to bound by rules, and the wire to it; it rises and stands before."""
+
+    def __init__(self, *faults: str, seed: int = 0, limits: StageLimits = STAGES["bound"]) -> None:
+        self.wire = Wire(simulated(*faults, seed=seed))
+        self.wire.tick()
+        self.robot = UnitreeRobot(self.wire, ROBOT, self.wire, limits=limits)  # type: ignore[arg-type]
+        self.robot.reset()
+        self.run = LevelRun(self.robot, ROBOT, GRID, make_planner("scripted", ROBOT, GRID))
+
+    def until(self, time_s: float, *, halt: bool = False) -> None:
+        """Goes on to a time of the run [s]."""
+        while self.run.time_s < time_s:
+            self.run.step(halt=halt)
+            self.wire.tick()
+
+
+def checks(wire: Wire, *, stands: bool = False) -> list[Check]:
+    """A preflight over a wire."""
+
+    def wait() -> float:
+        wire.tick()
+        return wire.elapsed_s()
+
+    return preflight(wire, ROBOT, wire, wait, stands=stands)  # type: ignore[arg-type]

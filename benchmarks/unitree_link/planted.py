@@ -1,0 +1,113 @@
+"""Faults that are planted in simulated robots: whether a preflight finds them, and how a run with them ends.
+
+Messages of both sides go by hand, in the simulated time. Drives are those that a trial draws.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from benchmarks.unitree_link.in_memory import Bounding, Wire, checks, simulated
+from saltus.controller.rising import RISE_S
+from saltus.controller.robot.unitree.faults import AT_A_JOINT, KINDS
+from saltus.controller.robot.unitree.messages import LOW_COMMAND, MOTORS
+from saltus.controller.robot.unitree.truth import read_truth
+from saltus.errors import StackError
+from saltus.robots.robot import JOINTS
+from saltus.rotations import rotation_matrix
+
+NO_FAULTS = ("button", "mode")
+"""Kinds that are none: a person ends the run, or the robot is released."""
+ONLY_STANDING = ("offset",)
+"""Faults that do not show while the robot hangs."""
+BEGINS_S = (RISE_S + 1.2, RISE_S + 2.2)
+"""Between these a fault begins, while the robot bounds, since the start [s]."""
+DAMPED_S = 0.110
+"""A fault may take so long until the robot is damped."""
+LASTS_S = 2.0
+"""A run goes on for so long after its fault has begun [s]."""
+UPRIGHT = 0.5
+"""Cosine of the tilt, 60 degrees, beyond which a robot has fallen."""
+
+
+def preflights(seeds: int, planted: int) -> dict[str, Any]:
+    """Healthy robots that pass, hanging and standing, and the checks that find each kind of fault.
+
+    Args:
+        seeds: Number of healthy robots.
+        planted: Number of robots with each fault.
+    """
+    healthy = {
+        name: sum(not _refused(stands=stands, seed=seed) for seed in range(seeds))
+        for name, stands in (("hangs", False), ("stands", True))
+    }
+    kinds = [kind for kind in KINDS if kind not in NO_FAULTS]
+    found = {kind: [_found(kind, seed) for seed in range(planted)] for kind in kinds}
+    return {
+        "healthy": seeds,
+        "passed": healthy,
+        "planted of each kind": planted,
+        "found": {kind: sum(bool(names) for names in rows) for kind, rows in found.items()},
+        "by": {kind: sorted({name for names in rows for name in names})
+               for kind, rows in found.items()},
+    }  # fmt: skip
+
+
+def _found(kind: str, seed: int) -> list[str]:
+    joint = JOINTS[int(np.random.default_rng([seed, 7]).integers(MOTORS))]
+    fault = f"{kind}:{joint}" if kind in AT_A_JOINT else kind
+    return _refused(fault, stands=kind in ONLY_STANDING, seed=seed)
+
+
+def _refused(*faults: str, stands: bool, seed: int) -> list[str]:
+    wire = Wire(simulated(*faults, seed=seed, held=not stands))
+    if "foreign" in faults:
+        wire.strangers = ("another",)
+    return [check.name for check in checks(wire, stands=stands) if not check.passed]
+
+
+def runs(seeds: int) -> list[dict[str, Any]]:
+    """A row for each kind of fault that begins while the robot bounds: how its runs went on."""
+    return [_row(kind, [_run(kind, seed) for seed in range(seeds)]) for kind in KINDS]
+
+
+def _row(kind: str, ran: list[dict[str, Any]]) -> dict[str, Any]:
+    damped = [each["damped_s"] for each in ran if each["damped_s"] is not None]
+    return {
+        "kind": kind, "runs": len(ran), "upright": sum(each["upright"] for each in ran),
+        "damped": len(damped), "within 110 ms": sum(took <= DAMPED_S for took in damped),
+        "slowest_ms": round(1000 * max(damped), 1) if damped else None,
+        "silent": sum(each["sent"] == 0 for each in ran),
+        "said": sorted({each["said"] for each in ran if each["said"]})[:3],
+    }  # fmt: skip
+
+
+def _run(kind: str, seed: int) -> dict[str, Any]:
+    rng = np.random.default_rng([seed, 5])
+    start_s, joint = float(rng.uniform(*BEGINS_S)), JOINTS[int(rng.integers(MOTORS))]
+    at = f":{joint}" if kind in AT_A_JOINT else ""
+    bounding = Bounding(f"{kind}{at}@{start_s:.3f}", seed=seed)
+    bounding.until(start_s)
+    if kind == "foreign":
+        bounding.wire.strangers = ("another",)
+    before, said, damped_s = len(bounding.wire.sent), "", None
+    while bounding.run.time_s < start_s + LASTS_S:
+        try:
+            bounding.run.step()
+        except StackError as error:
+            said = str(error)
+            break
+        bounding.wire.tick()
+        if damped_s is None and _is_damping(bounding.wire.sent[-1]):
+            damped_s, said = bounding.run.time_s - start_s, bounding.robot.fault
+    truth = read_truth(bounding.wire.robot.truth()).motion
+    up = rotation_matrix(truth["quaternion_base_in_world"])[2, 2]
+    return {
+        "damped_s": damped_s, "said": "".join(c for c in said if not c.isdigit()),
+        "upright": bool(up > UPRIGHT), "sent": len(bounding.wire.sent) - before,
+    }  # fmt: skip
+
+
+def _is_damping(payload: bytes) -> bool:
+    motors = LOW_COMMAND.read([payload])[0]["motor_cmd"][:MOTORS]
+    return not motors["kp"].any() and bool(motors["kd"].all())
