@@ -23,6 +23,7 @@ def problem(truth: dict[str, float]) -> CameraProblem:
     )
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("truth", FAR, ids=lambda truth: ", ".join(truth))
 def test_a_camera_that_is_far_off_is_named_with_its_values(truth: dict[str, float]) -> None:
     found = search(problem(truth))
@@ -30,6 +31,7 @@ def test_a_camera_that_is_far_off_is_named_with_its_values(truth: dict[str, floa
     assert (found.verdict, values) == ("named", pytest.approx(truth, abs=2e-3))
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     "truth", [{}, {"pitch": 0.01}, {"latency": 0.06}, {"scale": 0.9}, {"fov": 1.1}], ids=str
 )

@@ -64,6 +64,7 @@ def test_the_true_effect_removes_the_gap(effect: Effect, name: str, value: float
     assert np.mean(at(problem, **{name: 0.7 * value}) ** 2) > closed
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     "effect",
     [

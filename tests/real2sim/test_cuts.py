@@ -64,6 +64,7 @@ def cut(log: RunLog, seconds: float) -> RunLog:
     return until(log, float(log.joints.time_s[0]) + seconds)
 
 
+@pytest.mark.sample(12)
 @pytest.mark.parametrize("seconds", LENGTHS)
 @pytest.mark.parametrize("family", FAMILIES)
 def test_a_log_that_is_too_short_names_nothing_and_says_what_it_lacks(
@@ -123,6 +124,7 @@ def test_no_finding_and_no_verdict_can_be_made_that_names_something_untested(rul
     assert Findings(problem="camera", verdict=ruling, gaps=(TESTED,), **named)  # type: ignore[arg-type]
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("family", FAMILIES)
 def test_no_cut_of_a_healthy_log_is_called_damaged(logs: dict[str, RunLog], family: str) -> None:
     log, rng = logs[family], np.random.default_rng(FAMILIES.index(family))
@@ -160,6 +162,7 @@ FAULTS: dict[str, tuple[str, Callable[[RunLog], RunLog], float]] = {
 """Damage, the log that it befalls, and the length from which on it shows [s]."""
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_cut_of_a_damaged_log_is_called_damaged_as_soon_as_it_is_long_enough(
     logs: dict[str, RunLog], fault: str

@@ -187,6 +187,7 @@ def test_the_replay_is_the_plant() -> None:
     assert np.sqrt(np.mean(apart[50:] ** 2)) < 1e-4
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("stairs", [2, 4])
 def test_a_faster_loop_is_what_smaller_steps_make_of_it(
     stairs: int, monkeypatch: pytest.MonkeyPatch
@@ -216,6 +217,7 @@ def test_residuals_of_the_right_model_are_white(correlation: float) -> None:
         assert abs(np.mean(one[:, 1:] * one[:, :-1])) < (0.15 if correlation == 0.0 else 0.35)
 
 
+@pytest.mark.sample(6)
 @pytest.mark.parametrize("case", [*CASES, COARSE], ids=name_of)
 def test_an_effect_shows_and_its_truth_leaves_noise(case: Hidden) -> None:
     problem = problem_of(case.effect)
@@ -228,6 +230,7 @@ def test_an_effect_shows_and_its_truth_leaves_noise(case: Hidden) -> None:
     assert np.mean(claimed**2) > 1.2
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("case", CASES, ids=name_of)
 def test_fits_find_the_truth(case: Hidden) -> None:
     """Gauss-Newton on the effect's own unknowns, one value for all joints of a kind."""
@@ -450,6 +453,7 @@ HIDDEN = (
 )
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("effect", HIDDEN, ids=lambda effect: effect.name)
 def test_an_effect_that_a_robot_hides_is_found_by_its_name(effect: Effect[Any]) -> None:
     findings = search(JointProblem(of_one_leg(noisy(motion(effect)))))
@@ -490,6 +494,7 @@ GIVES = (0.002, 0.05, 1.0)
 """Of what holds the base [rad/Nm]: a stand that sways by a degree, a strap, a thread."""
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("give", GIVES)
 def test_a_base_that_rolls_moves_the_legs_as_the_replay_says(give: float) -> None:
     problem = problem_of(BaseRoll(give=give, damping=0.2))

@@ -56,6 +56,7 @@ def test_effects_that_a_robot_has_explain_how_it_jumps(problem: RebasedProblem) 
     assert _power(problem) < 1.0
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("effect", [effect.name for effect in (*HIDDEN.actuator, *HIDDEN.body)])
 def test_each_effect_of_drives_and_body_counts(problem: RebasedProblem, effect: str) -> None:
     assert effect not in NOT_SHOWN

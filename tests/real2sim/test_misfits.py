@@ -57,6 +57,7 @@ REACHED = 28.0  # rad/s, by the pendulums
 LAG = {"actuator_lag": (0.006,)}
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("has", SURPLUS.values(), ids=SURPLUS)
 @pytest.mark.parametrize("known", [{}, LAG], ids=["lag is missing", "lag is known"])
 def test_what_the_log_does_not_show_is_said_and_nothing_is_named_in_its_place(
@@ -71,6 +72,7 @@ def test_what_the_log_does_not_show_is_said_and_nothing_is_named_in_its_place(
     assert "lacks" not in said
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("has", SURPLUS.values(), ids=SURPLUS)
 def test_what_the_log_shows_stays_and_what_is_missing_is_named(
     has: dict[str, tuple[float, ...]],
@@ -82,6 +84,7 @@ def test_what_the_log_shows_stays_and_what_is_missing_is_named(
     assert search(Profiled(OneJoint(everywhere(**has)), has)).verdict == "no_gap"
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("known", [{}, LAG], ids=["lag is missing", "lag is known"])
 @pytest.mark.parametrize("limits", [(0.0, 12.0), (0.0, 24.0), (29.0, 60.0), (0.0, 100.0)])
 def test_a_limit_that_the_robot_lacks_is_a_misfit_or_where_no_motion_reaches_it_untestable_but_never_named(
@@ -103,6 +106,7 @@ def test_a_limit_that_the_robot_lacks_is_a_misfit_or_where_no_motion_reaches_it_
         assert limit.name in findings.untestable.keys() - findings.minimum_detectable.keys()
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("known", [{}, LAG], ids=["lag is missing", "lag is known"])
 def test_a_limit_that_the_robot_has_stays(known: dict[str, tuple[float, ...]]) -> None:
     pendulums = Profiled(
@@ -115,6 +119,7 @@ def test_a_limit_that_the_robot_has_stays(known: dict[str, tuple[float, ...]]) -
     assert [effect.name for effect in findings.effects] == ([] if known else ["actuator_lag"])
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     "had", [(16.0, 16.0, 12.0) * 4, ((16.0,) * 3 + (12.0,) * 3) * 2], ids=["kinds", "legs"]
 )

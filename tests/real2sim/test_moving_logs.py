@@ -155,6 +155,7 @@ def _rows(log: RunLog, rows: np.ndarray, keeps_time: bool = False) -> RunLog:
     return replace(log, joints=replace(log.joints, **columns))
 
 
+@pytest.mark.sample(16)
 @pytest.mark.parametrize("damage", DAMAGES)
 @pytest.mark.parametrize("family", MOVING)
 def test_damage_of_the_log_of_a_moving_robot_is_named(
@@ -276,6 +277,7 @@ def _claims(log: RunLog, **claims: object) -> RunLog:
     return replace(log, meta={**log.meta, **claims})
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     ("hide", "effect", "parameter", "value"),
     [

@@ -97,6 +97,7 @@ SINGLES = {
 }
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("effect", SINGLES)
 def test_effects_of_a_joint_are_named_with_their_size(effect: str) -> None:
     findings = search(OneJoint(everywhere(effect, *SINGLES[effect]), colour=0.4))
@@ -107,6 +108,7 @@ def test_effects_of_a_joint_are_named_with_their_size(effect: str) -> None:
     assert after == pytest.approx(floor, rel=0.1)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("effect", ["torque_gain", "armature"])
 def test_gain_and_inertia_cannot_be_told_apart(effect: str) -> None:
     size = {"torque_gain": -0.1, "armature": 0.003}[effect]
@@ -115,6 +117,7 @@ def test_gain_and_inertia_cannot_be_told_apart(effect: str) -> None:
     )
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("first", "second"),
     [
@@ -132,6 +135,7 @@ def test_pairs_are_named_though_one_hides_the_other(
     assert named == {first[0], second[0]}
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("seed", [0, 1])
 def test_curves_that_differ_from_leg_to_leg_are_stated_so_that_they_explain_the_log(
     seed: int,

@@ -154,6 +154,7 @@ HELD: dict[str, tuple[Change, tuple[float, ...]]] = {
 }
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("channel", HELD)
 def test_a_channel_of_the_joints_in_another_unit_is_told_by_name_and_factor(
     held: list[RunLog], channel: str
@@ -176,6 +177,7 @@ QUIET = {
 strength."""
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", QUIET)
 def test_a_torque_that_hardly_moves_is_told_by_name_and_factor(name: str) -> None:
     log = run(experiment_named(name), ROBOT, IDEAL.having(TorqueGain(gain=QUIET[name])), seed=11)

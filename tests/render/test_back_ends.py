@@ -63,6 +63,7 @@ def back_ends(request: pytest.FixtureRequest, camera: Intrinsics) -> list[Render
     ]
 
 
+@pytest.mark.sample(5)
 def test_all_back_ends_see_the_same(back_ends: list[Renderer], camera: Intrinsics) -> None:
     """Within 1 mm on 99.5 % of the pixels off depth edges;
     Warp and Embree, which both cast rays, on all.

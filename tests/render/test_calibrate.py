@@ -99,6 +99,7 @@ def fitted(pairs: Pairs) -> Calibration:
     return fit_place(pairs, ROBOT, CAMERA)
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("true", places(12))
 def test_the_place_is_found_wherever_it_is(true: CameraPlace) -> None:
     found = fitted(standing(true))

@@ -57,6 +57,7 @@ def places(terrain: Terrain) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return x[clear], y[clear], height[clear]
 
 
+@pytest.mark.sample(8)
 def test_rays_of_all_back_ends_end_where_the_truth_is(
     terrain: Terrain, places: tuple[np.ndarray, ...]
 ) -> None:

@@ -41,6 +41,7 @@ def wall_and_step(
     return wall_and_panel(D435I, optics, wall_m, near_m, -0.35, 0.15, slant=slant)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("baseline", "sigma", "step", "wall_m", "near_m", "slant"),
     [
