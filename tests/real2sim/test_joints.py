@@ -405,6 +405,30 @@ def test_a_rounded_corner_follows_the_dynamometer() -> None:
     assert np.max(np.abs((torque - lost(torque, *fit.x)) / table - 1.0)) < 0.05
 
 
+@pytest.mark.parametrize("level", [8.0, 15.0, 30.0])
+def test_one_law_has_a_tanh_and_a_sharp_corner_at_its_ends(level: float) -> None:
+    torque = np.linspace(0.0, 40.0, 200)
+    tanh = torque - level * np.tanh(torque / level)
+    np.testing.assert_allclose(lost(torque, 1.0, 1e-3 * level, 0.5 * level), tanh, atol=1e-4)
+    sharp = 0.4 * np.maximum(torque - level, 0.0)
+    np.testing.assert_allclose(lost(torque, 0.4, level, 1e-3), sharp, atol=1e-3)
+
+
+@pytest.mark.parametrize("rounding", [0.05, 1.0, 20.0])
+@pytest.mark.parametrize("corner", [1.0, 12.0, 34.0])
+def test_a_small_torque_is_delivered_in_full_and_more_command_gives_more(
+    corner: float, rounding: float
+) -> None:
+    """Else a saturation could pass for a drive that is weak at every torque."""
+    torque = np.linspace(0.0, 40.0, 4001)
+    loss = lost(torque, 1.0, corner, rounding)
+    assert loss[0] == 0.0
+    share = np.diff(loss) / np.diff(torque)
+    assert abs(share[0]) < 1e-3
+    assert np.all((share > -1e-9) & (share < 1.0 + 1e-9))
+    assert np.all(np.diff(share) > -1e-9)
+
+
 def test_the_dynamometers_table_from_a_log() -> None:
     """Large steps, more than 35 Nm commanded at the calf: the table of the original within 5 %."""
     problem = JointProblem(of_one_leg(noisy(motion(TorqueSaturation(curve=CURVE), kp=70.0))))

@@ -181,7 +181,8 @@ KINDS = (
         "torque_saturation",
         Unknown("loss", 0.0, 1.0, 0.05),
         Unknown("corner", 1.0, 34.0, 0.5, is_shape=True),
-        Unknown("rounding", 0.05, 10.0, 0.5, is_shape=True),
+        # Of a softer bend a log shows only how the loss begins, whatever it comes to
+        Unknown("rounding", 0.05, 20.0, 0.5, is_shape=True),
         starts=((0.4, 0.2, 1.0), (0.4, 0.4, 1.0), (0.4, 0.6, 1.0), (0.4, 0.8, 1.0)),
         starts_at=lambda starts, reach: tuple(
             (loss, corner * reach.torque, width) for loss, corner, width in starts

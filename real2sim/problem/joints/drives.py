@@ -225,12 +225,19 @@ class Drives:
 def lost(torque: Floats, slope: Floats, corner: Floats, rounding: Floats) -> Floats:
     """Torque [Nm] that saturation takes from a torque >= 0: none at 0, in the end `slope` times what is above `corner`.
 
-    The corner is rounded over a few times `rounding`: iron saturates little by little.
+    The corner is rounded over a few times `rounding`: iron saturates little by little. Of more
+    torque the share `slope` (cosh(torque / rounding) - 1) / (cosh(torque / rounding) +
+    cosh(corner / rounding)) is lost, which is that of a tanh of scale 2 `rounding` where `corner`
+    is small beside it, and that of a sharp corner where `rounding` is.
     """
-    at_zero = np.logaddexp(0.0, -corner / rounding)
-    return np.asarray(
-        slope * rounding * (np.logaddexp(0.0, (torque - corner) / rounding) - at_zero)
-    )
+    half, bend = 0.5 * torque / rounding, 0.5 * corner / rounding
+    rise = _log_cosh(half + bend) - _log_cosh(half - bend)
+    return np.asarray(slope * (torque - rounding * rise / np.tanh(bend)))
+
+
+def _log_cosh(x: Floats) -> Floats:
+    """Logarithm of 2 cosh(x), for any x."""
+    return np.logaddexp(x, -x)
 
 
 def saturation_loss(
