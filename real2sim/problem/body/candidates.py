@@ -32,8 +32,6 @@ step."""
 LARGEST_CREEP = 1.2
 """Half of the way, and some, between the ratios of impedances that engines have by default, 1 and
 10, in logarithms: which of them is nearer has been found before."""
-LARGEST_GIVE = 1.5
-"""Likewise for impedances, of 0.95 and 0.99."""
 CALF = 2
 CORNERS_NM = (6.0, 12.0, 18.0)
 """Torque at the calf beyond which some is lost: below what the paper's dynamometer saw first (8
@@ -143,12 +141,12 @@ def candidates(claims: Claims, slips_at: float, calf_limit: float) -> tuple[Cand
         candidate(
             "drive_rate", Unknown("continuous", 0.0, 1.0, 1.0), is_nuisance=True, where="joints"
         ),
-        # of a contact a log claims friction and time constant; engines want more to be said, and a
-        # step of time
+        # Of a contact a log claims friction and time constant; engines want more to be said, and a
+        # step of time. By how much a contact gives way is no unknown of its own: a ground of twice
+        # the time constant gives way as one does whose impedance leaves four times as much
         candidate(
             "contact_solver",
             Unknown("creep", -LARGEST_CREEP, LARGEST_CREEP, 0.5),
-            Unknown("give", -LARGEST_GIVE, LARGEST_GIVE, 0.5),
             Unknown("fineness", 0.0, 1.0, 1.0),
             where="feet",
             is_nuisance=True,
@@ -182,7 +180,6 @@ def rig_of(names: tuple[str, ...], claims: Claims, unknowns: Floats) -> Rig:
         coulomb=value["coulomb_friction.torque"],
         continuous=value["drive_rate.continuous"],
         creep=value["contact_solver.creep"],
-        give=value["contact_solver.give"],
     )
 
 

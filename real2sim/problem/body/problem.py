@@ -61,7 +61,6 @@ USUAL = {
     "coulomb_friction.torque": 0.1,
     "drive_rate.continuous": 1.0,
     "contact_solver.creep": 0.3,
-    "contact_solver.give": 0.3,
 }
 """Effects of usual size, about which the error of a start is still linear."""
 SMALL_CHANGES = {
@@ -72,7 +71,6 @@ SMALL_CHANGES = {
     "base_inertia.scale": 0.05,
     "contact_compliance.softness": 0.15,
     "contact_solver.creep": 0.2,
-    "contact_solver.give": 0.2,
 }
 """Changes of a robot that a log of half a minute hardly shows: a hundredth of its mass, a
 millimetre."""

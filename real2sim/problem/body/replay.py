@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -35,12 +36,14 @@ GROUNDS = (
     Solver(impratio=1.0, impedance=SOFTER),
     Solver(impratio=1.0, impedance=SOFTER, is_pyramidal=True),
 )
-OTHERWISE = ((1.0, 1.0), (2.0, 1.0), (5.0, 1.0), (1.0, 0.5), (1.0, 0.15))
-"""Time constant and friction, times the claimed ones, which come first: ground that is soft or
-slippery must not be taken for one that creeps."""
-LEAST_ROLLING_M, MOST_ROLLING_M = 0.003, 0.05
-"""Friction against rolling that shows, and five times that of a Go1's feet in MuJoCo Menagerie
-[m]."""
+OTHERWISE = ((1.0, 2.0, 5.0), (1.0, 0.5, 0.15), (0.0, 0.003, 0.012, 0.05))
+"""Time constant and friction, times the claimed ones, and friction against rolling [m]: one of them
+may be otherwise than claimed, which comes first. Soft or slippery ground, and feet that resist
+rolling, must not be taken for another way to compute contacts. Friction against rolling ends at
+five times that of a Go1's feet in MuJoCo Menagerie."""
+TRIES = 8
+"""Tries between the neighbours of the best of `OTHERWISE`: a ground that is off by a tenth of its
+time constant looks worse than another way to compute contacts."""
 
 
 def likeliest(squares: Callable[[Solver, Floats], Floats]) -> Solver:
@@ -56,22 +59,29 @@ def likeliest(squares: Callable[[Solver, Floats], Floats]) -> Solver:
     def left(ground: Solver, *others: tuple[float, float, float]) -> Floats:
         return np.asarray(np.sum(np.log(squares(ground, np.array(others))), axis=1))
 
-    def rolling(ground: Solver, friction: float) -> float:
-        return float(left(ground, (1.0, 1.0, friction))[0])
-
     def least(ground: Solver) -> float:
-        otherwise = left(ground, *((softer, rougher, 0.0) for softer, rougher in OTHERWISE))
-        best, claimed = float(np.min(otherwise)), float(otherwise[0])
-        if rolling(ground, LEAST_ROLLING_M) > claimed:
-            return best
-        # feet that resist rolling look like ground that creeps, until it is known how much they do
-        bounds = LEAST_ROLLING_M, MOST_ROLLING_M
-        found = minimize_scalar(
-            lambda x: rolling(ground, x), bounds=bounds, method="bounded", options={"maxiter": 8}
-        )
-        return min(best, float(found.fun))
+        return min(_least(partial(left, ground), which) for which in range(len(OTHERWISE)))
 
     return min(GROUNDS, key=least)
+
+
+def _least(left: Callable[..., Floats], which: int) -> float:
+    """The least of `left` where one of `OTHERWISE`, counted from 0, is otherwise than claimed."""
+
+    def ground(value: float) -> tuple[float, ...]:
+        return tuple(value if i == which else tries[0] for i, tries in enumerate(OTHERWISE))
+
+    tries = OTHERWISE[which]
+    scanned = left(*(ground(value) for value in tries))
+    best = int(np.argmin(scanned))
+    one, other = tries[max(best - 1, 0)], tries[min(best + 1, len(tries) - 1)]
+    found = minimize_scalar(
+        lambda value: float(left(ground(value))[0]),
+        bounds=(min(one, other), max(one, other)),
+        method="bounded",
+        options={"maxiter": TRIES},
+    )
+    return min(float(scanned[best]), float(found.fun))
 
 
 def finer(ground: Solver) -> Sequence[Solver]:
@@ -115,8 +125,6 @@ class Rig:
     creep: Floats
     """Logarithm of how much more feet creep along the ground than with the solver's contacts, shape
     (n,)."""
-    give: Floats
-    """Logarithm of how much more the ground gives way in all directions, shape (n,)."""
 
 
 class BodyReplay:
@@ -208,9 +216,8 @@ class BodyReplay:
         sims = sets * self._count
         bodies = map_arrays(lambda values: np.repeat(values, self._count, axis=0), rig.body)
         robots.set_bodies(bodies, slice(sims))
-        robots.set_contacts(
-            *(np.repeat(part, self._count, axis=0) for part in _contacts(self._solver, rig))
-        )
+        impratio = self._solver.impratio * np.exp(-np.repeat(rig.creep, self._count))
+        robots.set_contacts(impratio, np.tile(self._solver.impedance, (sims, 1)))
         robots.derive(np.arange(sims))
         drives = _Drives(rig, windows, self._age, self._per_calf, self._held)
         coulomb = np.repeat(rig.coulomb, self._count)[:, None]
@@ -291,9 +298,3 @@ class _Drives:
 def _after(effect: Limit | Pull, position: Floats, velocity: Floats, torque: Floats) -> Floats:
     now = Drive(position=position, velocity=velocity, torque=torque)
     return np.asarray(effect.apply(now, np.zeros(()), None)[0].torque, dtype=np.float64)
-
-
-def _contacts(solver: Solver, rig: Rig) -> tuple[Floats, Floats]:
-    """Ratio of impedances (n,) and impedance (n, 2) of contacts: their give is (1 - d) / d of the engine's d."""
-    give = (1.0 / np.array(solver.impedance) - 1.0) * np.exp(rig.give)[:, None]
-    return solver.impratio * np.exp(-rig.creep), 1.0 / (1.0 + give)
