@@ -10,10 +10,10 @@ from pathlib import Path
 from saltus.depth_camera import load_camera
 from saltus.effects.profile import SHIPPED
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
+from saltus.heightmap.data.collecting import Collection, collect_batches
 from saltus.heightmap.data.delivery import hardware_table
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.ray_workers import in_order_on_ray
-from saltus.heightmap.data.shards import Collection, collect_batches
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.settings import ClosedLoop, ProcessorCollection
 from saltus.robots.loading import load_robot

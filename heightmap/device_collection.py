@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from saltus.depth_camera import load_camera
+from saltus.heightmap.data.collecting import Collection, collect_batches
 from saltus.heightmap.data.delivery import hardware_table
 from saltus.heightmap.data.device_rollouts import DeviceRollouts, checked_device
 from saltus.heightmap.data.episode import Episode
-from saltus.heightmap.data.shards import Collection, collect_batches
 from saltus.heightmap.settings import DeviceCollection
 from saltus.heightmap.training.train import load_checkpoint
 from saltus.policy.training.export import read_policy

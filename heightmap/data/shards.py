@@ -7,7 +7,7 @@ import json
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
@@ -215,57 +215,6 @@ def refuse_twice(
             raise DatasetError(
                 f"{where} holds the episodes of seed {seed} already: take another seed"
             )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Collection:
-    """A collection that was made."""
-
-    records: list[ShardRecord]
-    """Records of the shard in each dataset."""
-    whole: bool
-    """True where it was not interrupted."""
-
-
-def collect_batches(
-    datasets: Sequence[tuple[Path, dict[str, object]]],
-    batches: Iterable[Sequence[Iterable[Episode]]],
-    done: Callable[[int], object],
-    *,
-    seed: int,
-    code: str | None = None,
-) -> Collection:
-    """Adds a shard to each of some datasets.
-
-    Where it is interrupted, of the batches that are whole by then.
-
-    Args:
-        datasets: Folder and configuration of each, see `open_shard`.
-        batches: Episodes of each batch, for each dataset.
-        done: Is told after each batch how many ticks a dataset has got.
-        seed: From which the episodes are drawn.
-        code: See `open_shard`.
-
-    Raises:
-        KeyboardInterrupt: it was interrupted before the first batch was whole.
-    """
-    whole = True
-    with ExitStack() as stack:
-        shards = [
-            stack.enter_context(open_shard(folder, seed=seed, config=config, code=code))
-            for folder, config in datasets
-        ]
-        try:
-            for batch in batches:
-                with uninterrupted():
-                    for shard, episodes in zip(shards, batch, strict=True):
-                        shard.append(episodes)
-                done(shards[0].ticks)
-        except KeyboardInterrupt:
-            if not shards[0].ticks:
-                raise
-            whole = False
-    return Collection(records=[shard.record for shard in shards], whole=whole)
 
 
 def write_shard(

@@ -30,7 +30,7 @@ from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.workers import check_processes
 
 if TYPE_CHECKING:
-    from saltus.heightmap.data.shards import Collection
+    from saltus.heightmap.data.collecting import Collection
     from saltus.heightmap.device_collection import DeviceSpeed
     from saltus.heightmap.training.train import TrainingProgress
 

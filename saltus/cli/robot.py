@@ -8,7 +8,8 @@ import numpy as np
 import tyro
 
 from saltus.cli.output import JsonOption, print_json
-from saltus.cli.robot_link import Log, Preflight, Run, Simulate
+from saltus.cli.robot_link import Log, Preflight, Run
+from saltus.cli.robot_simulate import Simulate
 from saltus.flags import CommandGroup, Subcommands, shown
 
 if TYPE_CHECKING:

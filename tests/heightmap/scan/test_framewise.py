@@ -6,9 +6,9 @@ import torch
 from saltus.heightmap.scan.elevation import WIDEST, new_map
 from saltus.heightmap.scan.planes import Heights, remembered
 from saltus.heightmap.scan.settings import MapSettings
+from saltus.heightmap.scan.training.examples import with_image
 from saltus.heightmap.scan.training.flights import shoot
 from saltus.heightmap.scan.training.framewise import kept, of_image
-from saltus.heightmap.scan.training.train import with_image
 
 SETTINGS = MapSettings(cells=16)
 

@@ -13,10 +13,10 @@ from saltus.heightmap.scan.cells import places, sampled
 from saltus.heightmap.scan.elevation import Measurement, Pose, new_map
 from saltus.heightmap.scan.planes import remembered
 from saltus.heightmap.scan.predictor import ScanNetwork, ScanPredictor
+from saltus.heightmap.scan.training.examples import with_image
 from saltus.heightmap.scan.training.export import export
 from saltus.heightmap.scan.training.flights import shoot
 from saltus.heightmap.scan.training.model import ScanModel, told
-from saltus.heightmap.scan.training.train import with_image
 
 GRID = HeightGrid(x=(-0.2, -0.1, 0.0, 0.1, 0.2), y=(-0.1, 0.0, 0.1))
 

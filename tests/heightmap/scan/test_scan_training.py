@@ -20,6 +20,7 @@ from saltus.heightmap.scan.training.evaluation import (
     usual_flights,
     write_results,
 )
+from saltus.heightmap.scan.training.examples import Calls, example
 from saltus.heightmap.scan.training.export import export, read_weights
 from saltus.heightmap.scan.training.files import read_checkpoint
 from saltus.heightmap.scan.training.flights import draw_flight
@@ -30,7 +31,7 @@ from saltus.heightmap.scan.training.settings import (
     NetworkSettings,
     ScanTrainSettings,
 )
-from saltus.heightmap.scan.training.train import Calls, Trainer, example, train
+from saltus.heightmap.scan.training.train import Trainer, train
 
 CPU = torch.device("cpu")
 
