@@ -1,6 +1,7 @@
 """The clock of a run."""
 
 import time
+from collections.abc import Callable
 
 from saltus.config import RunConfig
 from saltus.errors import ConfigError
@@ -39,6 +40,16 @@ class RunClock:
     def elapsed_s(self) -> float:
         """`elapsed_ns` in seconds."""
         return 1e-9 * self.elapsed_ns()
+
+    def within(self, run_s: float, machine_s: float) -> Callable[[], bool]:
+        """A function that is True until `run_s` seconds of the run are over.
+
+        In lockstep also only for `machine_s` seconds of the machine: the run may stand still.
+        """
+        until_s, standstill_s = self.elapsed_s() + run_s, time.monotonic() + machine_s
+        return lambda: (
+            self.elapsed_s() < until_s and (not self.lockstep or time.monotonic() < standstill_s)
+        )
 
     def set(self, time_ns: int) -> None:
         """Lockstep: moves the clock to the step being answered. It never goes back.

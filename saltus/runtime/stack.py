@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from types import TracebackType
+from typing import Any
 
 from saltus.clock import RunClock
 from saltus.config import RunConfig
@@ -34,7 +34,7 @@ from saltus.runtime.run_recorder import RunRecorder
 from saltus.tuning import kept_small, preferred
 from saltus.wire.bus import Latest, Publisher, RawSample, Stream, sender_of, unpack
 from saltus.wire.joining import write_client
-from saltus.wire.messages import OPERATOR, SUPERVISOR, Event, ProcessStatus
+from saltus.wire.messages import OPERATOR, SUPERVISOR, Event, Message, ProcessStatus
 from saltus.wire.router import NetworkAccess, open_router
 from saltus.wire.sharing import Sharer
 from saltus.wire.topics import TOPICS
@@ -44,9 +44,8 @@ READY_TIMEOUT_S = 30.0
 HUNG_S = 1.6
 """Three periods of its status: a message may be lost on a busy machine, and to end what lives ends
 a run."""
-SPARE_AFTER_S = (
-    3.0  # a robot whose camera died is down and stands (1.2 s): until then it needs the processors
-)
+SPARE_AFTER_S = 3.0
+"""A robot whose camera died is down and stands (1.2 s): until then it needs the processors."""
 RESTART_AFTER_S = 0.15
 """Half as long again as it takes the others to notice a loss: a process that loads would take their
 processors."""
@@ -154,13 +153,8 @@ class Stack:
             raise
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._resources.__exit__(kind, error, trace)
+    def __exit__(self, *raised: Any) -> None:
+        self._resources.__exit__(*raised)
 
     def poll(self) -> bool:
         """Records what has arrived and looks after the processes. Returns whether the run goes on.
@@ -191,18 +185,14 @@ class Stack:
         return True
 
     def _open(self) -> None:
-        if self.config.pace == "realtime":
+        realtime = not self._clock.lockstep
+        if realtime:
             self._resources.enter_context(preferred())
         self._resources.enter_context(kept_small())
         self.endpoint, router = open_router(self._network, self.config.link_speed)
         self._resources.callback(router.close)
         write_client(self.run_dir / CLIENT_FILE, self.endpoint, speed=self.config.link_speed)
-        self._bus = ZenohBus.of_run(
-            self.endpoint,
-            self.config,
-            peer=self._links_directly,
-            dates=self.config.pace == "realtime",
-        )
+        self._bus = ZenohBus.of_run(self.endpoint, self.config, peer=realtime, dates=realtime)
         self._resources.callback(self._bus.close)
         self._stream = self._bus.stream()
         self._sharer = self._bus.sharer()
@@ -248,15 +238,10 @@ class Stack:
 
     @property
     def _arguments(self) -> list[str]:
-        links = [PEER_FLAG] if self._links_directly else []
+        # In lockstep the router passes messages on in the order of cause and effect, as the
+        # recorder dates them
+        links = [] if self._clock.lockstep else [PEER_FLAG]
         return ["--run-dir", str(self.run_dir), "--endpoint", self.endpoint, *links]
-
-    @property
-    def _links_directly(self) -> bool:
-        """In lockstep the router passes messages on in the order of cause and effect,
-        as the recorder dates them.
-        """
-        return self.config.pace == "realtime"
 
     def _look_after(self, child: Child) -> None:
         if self.finished:
@@ -348,10 +333,7 @@ class Stack:
             self._note_status(child, raw, arrival_s)
 
     def _note_status(self, child: Child, raw: RawSample, arrival_s: float) -> None:
-        try:
-            _, status = unpack(TOPICS["status"], raw)
-        except MessageError:
-            return  # counted by the recorder
+        status = _said("status", raw)
         if not isinstance(status, ProcessStatus):
             return
         if not child.ready:
@@ -363,12 +345,7 @@ class Stack:
         self.overruns[child.name] = status.overruns
 
     def _obey(self, raw: RawSample) -> None:
-        if raw.key != f"event/{OPERATOR}":
-            return
-        try:
-            _, event = unpack(TOPICS["event"], raw)
-        except MessageError:
-            return  # counted by the recorder
+        event = _said("event", raw) if raw.key == f"event/{OPERATOR}" else None
         if isinstance(event, Event) and event.code == "stop":
             for child in self._children.values():
                 if not child.program.restart:
@@ -383,7 +360,7 @@ class Stack:
         )
 
     def _close_recorder(self, _: object, error: BaseException | None, __: object) -> None:
-        in_time = self._limit(LAST_WORDS_S)
+        in_time = self._clock.within(LAST_WORDS_S, STANDSTILL_S)
         while self._events_seen < self._events_sent and in_time():
             self._drain()
             time.sleep(POLL_S)
@@ -395,25 +372,22 @@ class Stack:
         if self._recorder.error is not None and error is None:
             raise RecordingError(self._recorder.error)
 
-    def _limit(self, seconds: float) -> Callable[[], bool]:
-        """True until so much of the run's time is over.
-
-        In lockstep it stands still where nothing is recorded.
-        """
-        until_s, standstill_s = self._clock.elapsed_s() + seconds, time.monotonic() + STANDSTILL_S
-        return lambda: (
-            self._clock.elapsed_s() < until_s
-            and (not self._clock.lockstep or time.monotonic() < standstill_s)
-        )
-
     def _stop(self, *, restart: bool) -> None:
         group = [child for child in self._children.values() if child.program.restart == restart]
         for child in group:
             child.dismiss()
             child.signal(signal.SIGTERM)
-        in_time = self._limit(STOP_TIMEOUT_S)
+        in_time = self._clock.within(STOP_TIMEOUT_S, STANDSTILL_S)
         while any(child.running() for child in group) and in_time():
             self._drain()
             time.sleep(POLL_S)
         for child in group:
             child.kill()
+
+
+def _said(topic: str, raw: RawSample) -> Message | None:
+    """The message of a sample; None where it is malformed, which the recorder counts."""
+    try:
+        return unpack(TOPICS[topic], raw)[1]
+    except MessageError:
+        return None
