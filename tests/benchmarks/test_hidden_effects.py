@@ -189,6 +189,7 @@ def test_the_truth_of_every_joint_is_told_where_joints_differ(effect, joint_scen
     assert len({str(params) for params in told.values()}) == len(where)
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("tuning", [True, False])
 @pytest.mark.parametrize("seed", range(2))
 def test_commands_stay_within_the_joints(tuning, seed):
@@ -408,6 +409,7 @@ def performer():
     return JointScene(6, tuning=False, quiet=False, legs=(0,))
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("name", list(experiments.JOINTS))
 def test_experiments_of_joints_stay_within_the_robot(name, performer):
     scene = copy.deepcopy(performer)

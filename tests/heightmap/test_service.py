@@ -316,6 +316,7 @@ def test_a_model_with_one_bad_output_fails_its_check(
         model_check.checked_model(ROBOT, model_path)
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("seed", range(8))
 def test_no_fault_hides_that_a_hidden_state_is_too_young(model_path: Path, seed: int) -> None:
     """Whatever else is wrong: a planner goes on with DEGRADED heights."""

@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from lockstep_run import recorded_run
 from samples import setup_of
 
 from saltus.cli.main import main
-from saltus.config import RunConfig
+from saltus.config import RunConfig, TerrainConfig
 from saltus.grid import SCAN
 from saltus.heightmap.evaluation.standing import PLACE, check_standing
 from saltus.recordings.recorder import Recorder
@@ -41,19 +42,11 @@ Change = Callable[[Any, int], "Message | None"]
 def standing(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     """A robot stands for a second before it jumps."""
     folder = tmp_path_factory.mktemp("standing")
-    course = (
-        "--terrain",
-        "flat",
-        "--planner",
-        "scripted",
-        "--camera",
-        "d435i",
-        "--time-limit-s",
-        "0.5",
-        "--no-video",
-    )
-    assert main(["demo", *course, "--out", str(folder)]) == 1  # it is far from the finish by then
-    return read_recording(folder / "recording.mcap")
+    config = RunConfig(
+        robot="go1", grid="line", terrain=TerrainConfig(terrain="flat"), planner="scripted",
+        camera="d435i", time_limit_s=0.5,
+    )  # fmt: skip
+    return recorded_run(folder, config)
 
 
 def changed(

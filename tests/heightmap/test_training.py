@@ -169,6 +169,7 @@ def test_an_export_that_ends_early_leaves_the_model_that_was_there(
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
+@pytest.mark.slow
 def test_a_moment_of_further_training_from_the_shipped_network_is_exported(
     data: Path, tmp_path: Path
 ) -> None:
@@ -229,6 +230,7 @@ def test_an_interrupted_training_goes_on(data: Path, tmp_path: Path) -> None:
         torch.testing.assert_close(a, b)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("where", ["run_window", "calibrate"])
 def test_what_was_learned_before_an_interruption_is_kept(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str

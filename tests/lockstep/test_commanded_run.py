@@ -51,6 +51,7 @@ def test_there_is_one_command_for_each_state(recording: Recording) -> None:
     assert told[: 4 * 100] == asked[: 4 * 100]
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("name", [program.name for program in (OPERATOR, *PROGRAMS)])
 def test_every_process_repeats_to_the_bit(recording: Recording, name: str) -> None:
     comparison = Comparison(recording, name)

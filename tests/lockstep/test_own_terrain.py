@@ -139,6 +139,7 @@ def test_each_trial_draws_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert (table["terrain"], table["trials"], table["params"]) == ("beams", 2, {"difficulty": 0.0})
 
 
+@pytest.mark.slow
 def test_predictors_are_measured_and_trained_on_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -163,6 +164,7 @@ def test_predictors_are_measured_and_trained_on_it(
     assert {episode.terrain for episode in read_dataset(tmp_path)} == {"beams"}
 
 
+@pytest.mark.slow
 def test_a_policy_is_trained_on_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("saltus.policy.training.training_record.REPORT_S", 0.0)
     others = [

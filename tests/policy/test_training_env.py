@@ -115,6 +115,7 @@ def test_a_delay_of_plans_by_whole_steps_is_a_policy_that_answers_later(steps):
     np.testing.assert_array_equal(*runs)
 
 
+@pytest.mark.slow
 def test_each_two_milliseconds_of_delay_change_what_is_obeyed():
     tracks = []
     for ticks in range(6):

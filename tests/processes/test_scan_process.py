@@ -37,6 +37,7 @@ LONG = replace(
 """Legs and a camera that no shipped robot has."""
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     "robot", [*(load_robot(name) for name in shipped_robots()), LONG], ids=lambda robot: robot.name
 )

@@ -49,6 +49,7 @@ def test_residuals_are_noise_where_the_model_is_right(claimed: BodyProblem) -> N
     assert residuals.shape == claimed.segment.shape == claimed.signal.shape == claimed.time_s.shape
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     ("effect", "name", "value"),
     [

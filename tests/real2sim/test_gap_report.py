@@ -78,6 +78,7 @@ def page(of: Judgement, folder: Path) -> str:
     return report_page(of, seed=7)
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("case", ["named", "set", "unexplained", "no_gap", "bad_log"])
 def test_every_verdict_has_a_page_that_says_it(case: str, tmp_path: Path) -> None:
     of = judged(case)

@@ -149,6 +149,7 @@ for words in sys.argv[1:]:
     assert (tmp_path / "profiles" / "mine.toml").is_file()
 
 
+@pytest.mark.slow
 def test_without_commands_the_camera_is_compared_and_the_drives_are_not(tmp_path: Path) -> None:
     log = body_log(seconds=5.0)
     bag = write_bag(log, tmp_path / "bag", has_commands=False)

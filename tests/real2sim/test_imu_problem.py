@@ -32,6 +32,7 @@ def held(log: RunLog) -> RunLog:
     return dataclasses.replace(log, meta={**log.meta, "base": "fixed"}, base=None)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     "effects",
     [

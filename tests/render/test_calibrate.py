@@ -8,10 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lockstep_run import recorded_run
 from report_pages import opens_without_a_network
 
 from saltus.api import robot_states
 from saltus.cli.main import main
+from saltus.config import RunConfig, TerrainConfig
 from saltus.depth import BASELINE_M, Intrinsics, depth_frame
 from saltus.depth_camera import SHIPPED, load_camera
 from saltus.errors import RecordingError
@@ -157,12 +159,12 @@ def test_only_images_of_a_robot_that_stands_count() -> None:
 def test_a_recording_gives_a_camera_that_commands_take(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The robot of a demo stands for a second; its camera sits where it claims."""
-    course = ("--terrain", "flat", "--planner", "scripted", "--time-limit-s", "1", "--no-video")
-    # It is far from the finish by then
-    assert main(["demo", *course, "--out", str(tmp_path / "run")]) == 1
-    capsys.readouterr()
-    recording, out = str(tmp_path / "run" / "recording.mcap"), tmp_path / "found"
+    """The robot of a run stands for a second; its camera sits where it claims."""
+    config = RunConfig(
+        robot="go1", grid="line", terrain=TerrainConfig(terrain="flat"), planner="scripted",
+        camera="d435i", time_limit_s=1.0,
+    )  # fmt: skip
+    recording, out = str(recorded_run(tmp_path, config).path), tmp_path / "found"
     assert main(["render", "calibrate", recording, "--out", str(out)]) == 0
     said = capsys.readouterr().out
     assert f"{out}: camera.toml, calibration.html" in said

@@ -51,6 +51,7 @@ def test_a_page_has_every_view_every_effect_and_a_cloud(tmp_path: Path) -> None:
     opens_without_a_network(tmp_path / "preview.html")
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["ideal", EXAMPLE])
 def test_a_page_is_of_the_camera_that_is_named(name: str, tmp_path: Path) -> None:
     camera = load_camera(name)

@@ -68,6 +68,7 @@ def test_a_panels_shadow_lies_to_its_left_and_is_as_wide_as_baseline_and_depths_
     assert np.mean(hidden != true_hidden) <= 2.0 / HALF.width  # a column at either border
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("name", ["pyrender", "warp"])
 @pytest.mark.parametrize("camera", [FAST, NATIVE], ids=["fast chain", "native chain"])
 @pytest.mark.parametrize("kind", ["stairs", "step", "irregular"])

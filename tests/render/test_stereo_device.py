@@ -98,6 +98,7 @@ def images(
     return shown
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     "config", [StereoConfig(), EACH_ITS_OWN], ids=["one camera", "each its own"]
 )
@@ -126,6 +127,7 @@ def test_no_shape_and_no_step_depends_on_values(
         bool(hidden.any())
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     "config", [StereoConfig(), EACH_ITS_OWN], ids=["one camera", "each its own"]
 )

@@ -38,6 +38,7 @@ def blocked(terrain: Terrain, start: Any, end: Any, margin: float) -> Any:
     return np.any((np.maximum(enters, 0.0) < np.minimum(leaves, ALONG_RAY)), axis=0)
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("kind", ["flat", "stairs", "stepping_stones", "step", "gap"])
 @pytest.mark.parametrize("wild", [False, True], ids=["upright", "any attitude"])
 def test_all_that_boxes_hide_is_in_doubt_and_found(kind: Any, wild: bool) -> None:

@@ -100,6 +100,7 @@ def xyz(vector: Any) -> list[float]:
     return [vector["x"], vector["y"], vector["z"]]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("prefix", ["robot/0", "fleet/7"])
 def test_another_program_reads_heights_depth_and_state_of_a_run(
     prefix: str, tmp_path: Path, ros_port: int

@@ -98,6 +98,7 @@ def test_a_lost_robot_is_damped_within_110_ms_at_any_phase(kind: str, seed: int)
     assert not later["kp"].any()
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("kind", BORNE)
 def test_a_robot_with_a_lesser_fault_stands_on(kind: str) -> None:
     run = Run(f"{kind}@0.5", seed=3)
