@@ -50,7 +50,9 @@ def body(
 
 
 def _scan_of_run(context: ProcessContext) -> ScanChoice | None:
-    """Heights of a run that is of another grid than the line; None of the line, or of true heights."""
+    """Heights of a run that is of another grid than the line;
+    None of the line, or of true heights.
+    """
     if context.config.heights == "true":
         return None
     model = context.config.heightmap_model

@@ -41,8 +41,9 @@ def _spread(where: np.ndarray, value: float, null: float = 0.0) -> tuple[float, 
 # Every effect of drives and encoders, with sizes within the published ranges for robots of this
 # size, but for
 # - backlash, the torque-speed limit and encoder quantisation: the plant crosses a gap, holds a
-#   limit or hunts between two encoder steps within a few of its time steps, which no other simulation
-#   repeats to within the noise of a sensor, so that a small gap remains after the patch;
+#   limit or hunts between two encoder steps within a few of its time steps, which no other
+#   simulation repeats to within the noise of a sensor, so that a small gap remains after the
+#   patch;
 # - the delay of feed-forward torque alone: the first experiment has no such torque.
 _HIDDEN: tuple[_Draw, ...] = (
     lambda rng, at: CoulombFriction(torque=_spread(at, rng.uniform(0.2, 0.5))),

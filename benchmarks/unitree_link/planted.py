@@ -1,4 +1,5 @@
-"""Faults that are planted in simulated robots: whether a preflight finds them, and how a run with them ends.
+"""Faults that are planted in simulated robots:
+whether a preflight finds them, and how a run with them ends.
 
 Messages of both sides go by hand, in the simulated time. Drives are those that a trial draws.
 """

@@ -1,4 +1,6 @@
-"""Collecting: batches of episodes become a shard of each dataset, also where Ctrl-C ends it early."""
+"""Collecting: batches of episodes become a shard of each dataset,
+also where Ctrl-C ends it early.
+"""
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack

@@ -107,7 +107,9 @@ class ScanHeights:
 
     @property
     def captured_s(self) -> Floats:
-        """Capture time of the image in use of each robot [s], shape (n,); minus infinity before the first."""
+        """Capture time of the image in use of each robot [s], shape (n,);
+        minus infinity before the first.
+        """
         return self._now_s - np.array([answer.depth_age_s for answer in self._answers])
 
 

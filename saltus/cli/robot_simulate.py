@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Simulate(PaceOptions, LinkOptions):
-    """Simulates a robot that is commanded over its own protocol: states at 500 Hz over DDS, until Ctrl-C.
+    """Simulates a robot that is commanded over its own protocol:
+    states at 500 Hz over DDS, until Ctrl-C.
 
     For example:
       saltus robot simulate --robot go2 --domain 1
@@ -30,8 +31,9 @@ class Simulate(PaceOptions, LinkOptions):
     held: Flag = False
     """Hold the trunk in the air, as a crane or two people would."""
     fault: Annotated[tuple[str, ...], shown("KIND[:JOINT][@SECONDS]", "none")] = ()
-    """Faults, from some second on: battery, button, crc, dead, foreign, frozen, hot, imu, kept, late,
-    lost, mode, offset, sign, silent, slow, stuck, tick; of dead, hot, offset and sign at a joint."""
+    """Faults, from some second on: battery, button, crc, dead, foreign, frozen, hot, imu, kept,
+    late, lost, mode, offset, sign, silent, slow, stuck, tick; of dead, hot, offset and sign at a
+    joint."""
     seconds: Annotated[float, shown("FLOAT", "until Ctrl-C")] = math.inf
     """Time of the robot after which the simulation ends [s]."""
     seed: int = 0

@@ -35,18 +35,18 @@ class Up(DomainOptions, RunOptions, NetworkOptions):
 
     pace: Pace = "realtime"
     link: Link = "here"
-    """Here: the controller simulates the robot. dds: a `saltus robot simulate` that runs already, on the
-    same terrain and at the same pace and speed, is spoken to over its own protocol."""
+    """Here: the controller simulates the robot. dds: a `saltus robot simulate` that runs already,
+    on the same terrain and at the same pace and speed, is spoken to over its own protocol."""
     begin: Flag = False
-    """With --link dds: the robot is released from its own motion service and rises at once. Without it
-    you are asked to press Enter."""
+    """With --link dds: the robot is released from its own motion service
+    and rises at once. Without it you are asked to press Enter."""
     standbys: Flag = False
-    """Camera, heightmap service and planner each have a second process that works along unheard, and goes on where the
-    first was killed; without, the camera has one that waits. On two cores they take the others'
-    time."""
+    """Camera, heightmap service and planner each have a second process that works along unheard,
+    and goes on where the first was killed; without, the camera has one that waits. On two cores
+    they take the others' time."""
     grid: Annotated[str | None, shown("STR", "none beside the planner's")] = None
-    """Heights at more points beside those that the planner is given, by the network of any grid, under scan/heightmap:
-    scan, or a TOML file. A fifth process tells them."""
+    """Heights at more points beside those that the planner is given, by the network of any grid,
+    under scan/heightmap: scan, or a TOML file. A fifth process tells them."""
 
     def run(self) -> int:
         """Runs until the end and says how it went; 0 then, 1 where a robot over DDS was lost.
@@ -96,7 +96,8 @@ class Up(DomainOptions, RunOptions, NetworkOptions):
         return 1 if lost else 0
 
     def _meet(self) -> None:
-        """Releases a robot over DDS from its own motion service, listens to it, and waits for a person.
+        """Releases a robot over DDS from its own motion service,
+        listens to it, and waits for a person.
 
         Raises:
             StackError: it may not be commanded.

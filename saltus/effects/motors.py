@@ -263,7 +263,8 @@ W_PER_KW = 1e3
 
 @dataclass(frozen=True, kw_only=True)
 class VoltageSag(Effect[Drive], name="voltage_sag", site="torque"):
-    """The battery's voltage falls with the power of all joints together, and with it the torque along their motion.
+    """The battery's voltage falls with the power of all joints together,
+    and with it the torque along their motion.
 
     Each kW that the joints then take costs the share `per_kw`. Joints that brake give nothing back.
     Where less than the share `brown_out` is left, the robot goes out: no joint gives torque again.
@@ -278,7 +279,9 @@ class VoltageSag(Effect[Drive], name="voltage_sag", site="torque"):
         return namespace(signal.torque).ones_like(signal.torque[..., :1])
 
     def apply(self, signal: Drive, time_s: Array, state: Array) -> tuple[Drive, Array]:
-        """Scales torque along the motion; the state is 0 of a robot that has gone out, shape (..., 1)."""
+        """Scales torque along the motion; the state is 0 of a robot that has gone out,
+        shape (..., 1).
+        """
         on = self.first(signal) if state is None else state
         torque, xp = signal.torque, namespace(signal.torque)
         power = torque * signal.velocity
@@ -288,5 +291,7 @@ class VoltageSag(Effect[Drive], name="voltage_sag", site="torque"):
         return replace(signal, torque=on * xp.where(power > 0.0, left * torque, torque)), on
 
     def left(self, asked_w: Floats) -> Floats:
-        """Share of the voltage that is left where joints are asked for a power along their motion [W]."""
+        """Share of the voltage that is left where joints are asked
+        for a power along their motion [W].
+        """
         return 1.0 / (1.0 + self.per_kw * asked_w / W_PER_KW)

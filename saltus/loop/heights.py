@@ -18,11 +18,14 @@ from saltus.terrain.stack import TerrainStack
 from saltus.wire.messages import Heightmap, HeightmapStatus
 
 TRUE_MODEL = "true"
-"""Name of a model in the messages of heights that come from no network but are the ground itself."""
+"""Name of a model in the messages of heights that come from no network but are the ground
+itself."""
 
 
 class HeightSource(Protocol):
-    """Terrain profiles for a batch of robots, asked for once a policy step, from step 0 on and without gaps."""
+    """Terrain profiles for a batch of robots, asked for once a policy step,
+    from step 0 on and without gaps.
+    """
 
     def heights(self, states: RobotStates, truth: PlantState, fresh: NDArray[np.bool_]) -> Floats:
         """Terrain relative to the base on the grid of the robots' setups.

@@ -286,7 +286,9 @@ def test_worst_moments_are_apart_and_worst_first(
 def test_good_moments_are_not_shown_as_worst(
     run: Glide, geometric: list[Heightmap], tmp_path: Path
 ) -> None:
-    """Nor is what nobody knows printed as a number: ground without edges has none that were found."""
+    """Nor is what nobody knows printed as a number:
+    ground without edges has none that were found.
+    """
     wrong = np.full_like(run.true_height, 0.9 * WORST_M)
     flat = [replace(truth, height=np.full(30, -0.3)) for truth in run.truths]
     maps = [

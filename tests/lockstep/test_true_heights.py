@@ -1,4 +1,6 @@
-"""A run whose heights are the simulator's: what the planner is told is the ground, and the run repeats to the bit."""
+"""A run whose heights are the simulator's: what the planner is told is the ground,
+and the run repeats to the bit.
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,6 @@
-"""Trials of a walking policy: grounds, what the judge says of a motion, and a robot as it is deployed."""
+"""Trials of a walking policy: grounds, what the judge says of a motion,
+and a robot as it is deployed.
+"""
 
 import math
 from collections.abc import Iterator

@@ -192,7 +192,9 @@ def test_the_replay_is_the_plant() -> None:
 def test_a_faster_loop_is_what_smaller_steps_make_of_it(
     stairs: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The nuisance stands for a drive that evaluates its law several times in a step of the replay."""
+    """The nuisance stands for a drive that evaluates its law several times
+    in a step of the replay.
+    """
     log = motion()
     coarse = JointProblem(log)
     sets = np.zeros((2, 4, coarse._candidates.count))

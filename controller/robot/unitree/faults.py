@@ -1,4 +1,6 @@
-"""Faults that a simulated robot shows on demand, in what it does with commands and what it says of itself."""
+"""Faults that a simulated robot shows on demand,
+in what it does with commands and what it says of itself.
+"""
 
 import re
 from collections import deque
@@ -69,7 +71,8 @@ class Fault:
         kind = match["kind"] if match else text
         if match is None or kind not in KINDS:
             raise ConfigError(
-                f"fault '{text}': {nearest_hint(kind, KINDS)}; KIND:JOINT@SECONDS names joint and start"
+                f"fault '{text}': {nearest_hint(kind, KINDS)}; "
+                "KIND:JOINT@SECONDS names joint and start"
             )
         joint = match["joint"] or JOINTS[0]
         if joint not in JOINTS or (match["joint"] and kind not in AT_A_JOINT):

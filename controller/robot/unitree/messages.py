@@ -17,7 +17,8 @@ from saltus.recordings import ros_messages as ros
 
 DEFINITIONS = {
     "unitree_go/msg/MotorCmd": (
-        "uint8 mode\nfloat32 q\nfloat32 dq\nfloat32 tau\nfloat32 kp\nfloat32 kd\nuint32[3] reserve\n"
+        "uint8 mode\nfloat32 q\nfloat32 dq\nfloat32 tau\nfloat32 kp\n"
+        "float32 kd\nuint32[3] reserve\n"
     ),
     "unitree_go/msg/BmsCmd": "uint8 off\nuint8[3] reserve\n",
     "unitree_go/msg/LowCmd": (
@@ -139,7 +140,9 @@ class Layout:
 
 
 def checksum(message: Message) -> int:
-    """Checksum of a message of shape (): over the words of its memory but the last, high bits first."""
+    """Checksum of a message of shape (): over the words of its memory but the last,
+    high bits first.
+    """
     words = np.frombuffer(message.tobytes(), "<u4")[:-1]
     # zlib's takes low bits first, and inverts the end
     turned = zlib.crc32(words.byteswap().tobytes().translate(_TURNED)) ^ 0xFFFFFFFF
@@ -166,7 +169,9 @@ def _form(kind: tuple[str, Any]) -> tuple[Any, ...]:
 
 
 def _bytes_of(kind: tuple[str, Any], start: int, end: list[int]) -> Iterator[tuple[int, int]]:
-    """Place in memory and in CDR of each byte of a field that begins at `start`; CDR has grown to `end`."""
+    """Place in memory and in CDR of each byte of a field that begins at `start`;
+    CDR has grown to `end`.
+    """
     form, what = kind
     if form == "base":
         size = np.dtype(FORMS[what]).itemsize

@@ -1,4 +1,6 @@
-"""The service of a Unitree that says which of its own programs moves it, and takes the robot from that program."""
+"""The service of a Unitree that says which of its own programs moves it,
+and takes the robot from that program.
+"""
 
 import json
 import time
@@ -58,8 +60,8 @@ class MotionService:
             name = None
         if not isinstance(name, str):
             raise StackError(
-                f"the robot's motion service does not tell its mode (code {code}): nothing is sent; "
-                "start the robot again"
+                f"the robot's motion service does not tell its mode (code {code}): nothing is "
+                "sent; start the robot again"
             )
         return name
 

@@ -54,7 +54,9 @@ def preflight(
 def _service(
     service: MotionService, *, stands: bool, agreed: Callable[[str], None]
 ) -> tuple[Check, str]:
-    """The check of the robot's own motion service, and the mode in which it still moves the robot."""
+    """The check of the robot's own motion service,
+    and the mode in which it still moves the robot.
+    """
     mode = refusal = ""
     try:
         mode = service.mode() if stands else service.release(agreed)

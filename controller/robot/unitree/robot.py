@@ -1,4 +1,6 @@
-"""A Go2 over DDS, behind the interface of a robot: what it says is checked, and what it is told, too."""
+"""A Go2 over DDS, behind the interface of a robot:
+what it says is checked, and what it is told, too.
+"""
 
 import time
 

@@ -1,4 +1,6 @@
-"""The simulated robot on DDS: in real time, at the speed of a run, or tick by tick with its commands."""
+"""The simulated robot on DDS: in real time, at the speed of a run,
+or tick by tick with its commands.
+"""
 
 import time
 
@@ -22,7 +24,9 @@ ANEW_S = 0.1  # how often a lockstep run says a state again until it is answered
 
 
 class Stranger:
-    """Another program that commands the robot, too: it holds the stand pose, as the robot's own service would."""
+    """Another program that commands the robot, too:
+    it holds the stand pose, as the robot's own service would.
+    """
 
     def __init__(self, robot: Robot, domain: int, interface: str | None) -> None:
         self._where = domain, interface
@@ -50,7 +54,9 @@ class RobotServer:
         self._link, self._robot, self._stranger = link, robot, stranger
 
     def realtime(self, clock: RunClock, until_s: float) -> None:
-        """Says 500 states in each second of the clock, until the robot's time has come to `until_s`."""
+        """Says 500 states in each second of the clock,
+        until the robot's time has come to `until_s`.
+        """
         ticker = Ticker(1.0 / PHYSICS_DT, catch_up=CATCH_UP_TICKS, clock=clock)
         while self._robot.time_s < until_s:
             ticker.wait()

@@ -70,7 +70,9 @@ class SimulatedUnitree:
 
     @property
     def is_commanded_by_others(self) -> bool:
-        """True while another program is to command the robot, too, or its own motion service does."""
+        """True while another program is to command the robot,
+        too, or its own motion service does.
+        """
         return bool(self._faults.active("foreign", self.time_s) or self.mode)
 
     @property

@@ -230,13 +230,14 @@ class BodyProblem(Problem):
             name.partition(".")[0]: sigma for name, sigma in sizes.items() if sigma < LEAST_SIGMA
         }
         return {
-            effect: f"{_because(effect, friction, ratio, normal)}{IN_WORDS[effect]} would move all residuals by "
-            f"{sigma:.1f} sigma"
+            effect: f"{_because(effect, friction, ratio, normal)}{IN_WORDS[effect]} would move all "
+            f"residuals by {sigma:.1f} sigma"
             for effect, sigma in unseen.items()
         }
 
     def _slipperiest(self, otherwise: float) -> float:
-        """The coefficient of friction below the claimed one with which the log agrees best; `otherwise` if none helps.
+        """The coefficient of friction below the claimed one with which the log agrees best;
+        `otherwise` if none helps.
 
         Where slip begins, residuals bend sharply: a search that steps by derivatives must begin
         close.
@@ -307,7 +308,8 @@ class BodyProblem(Problem):
         return BodyWhitening(noise, slopes, measured, unrepeated, lasting, windows.segment)
 
     def _from_small_changes(self) -> Floats:
-        """Mean square of what small changes of the robot change beyond first order, shape (w, BLOCKS, 33).
+        """Mean square of what small changes of the robot change beyond first order,
+        shape (w, BLOCKS, 33).
 
         When a foot lifts, lands or slips can hang on less than anyone knows of the robot; no model
         can be judged by it.
@@ -321,7 +323,9 @@ class BodyProblem(Problem):
         )
 
     def _from_time_steps(self) -> Floats:
-        """Square of what a finer step of time changes beyond first order, (w, BLOCKS, 33); keeps the first order."""
+        """Square of what a finer step of time changes beyond first order,
+        (w, BLOCKS, 33); keeps the first order.
+        """
         rig = self._rig()
         claimed = self._errors(self._replay.states(rig))[0]
         half, quarter = (
@@ -332,7 +336,9 @@ class BodyProblem(Problem):
         return np.asarray((quarter - HALF_TO_QUARTER * half) ** 2)
 
     def _moved(self, spread: StartNoise, by: Floats) -> Floats:
-        """Change of errors when starts are off `by` so many standard deviations, shape (k, w, BLOCKS, 33)."""
+        """Change of errors when starts are off `by` so many standard deviations,
+        shape (k, w, BLOCKS, 33).
+        """
         windows = self._windows
         claims = self._rig(np.tile(self.absent, (len(by), 1)))
         states = self._replay.states(claims, *spread.moved(windows.qpos, windows.qvel, by))

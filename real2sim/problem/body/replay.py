@@ -191,14 +191,18 @@ class BodyReplay:
         return out
 
     def foot_forces(self, rig: Rig) -> tuple[Floats, Floats]:
-        """Force of the ground on each foot under one rig: tangential and normal [N], shape (w, steps, 4)."""
+        """Force of the ground on each foot under one rig:
+        tangential and normal [N], shape (w, steps, 4).
+        """
         forces = np.empty((WINDOW_STEPS, self._count, 4, 3))
         self._run(rig, self._windows.qpos[None], self._windows.qvel[None], forces)
         along = forces.transpose(1, 0, 2, 3)
         return np.hypot(along[..., 0], along[..., 1]), along[..., 2]
 
     def _robots(self, *, turns: bool) -> FreeRobots:
-        """Robots whose feet slide, or resist turning and rolling, too: twice the rows for a contact."""
+        """Robots whose feet slide, or resist turning and rolling, too:
+        twice the rows for a contact.
+        """
         if turns not in self._made:
             solver = replace(self._solver, dimensions=6) if turns else self._solver
             self._made[turns] = FreeRobots(

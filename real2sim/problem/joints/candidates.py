@@ -1,4 +1,6 @@
-"""Effects of joints as unknowns: coordinates in which 0 is absent, and their way to and from physical parameters."""
+"""Effects of joints as unknowns: coordinates in which 0 is absent,
+and their way to and from physical parameters.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -337,7 +339,9 @@ class JointCandidates:
         return found
 
     def _values(self, kind: Candidate, unknowns: Floats) -> tuple[Floats, ...] | None:
-        """Each unknown as (branches, joints, sets); None where the effect is absent from all sets."""
+        """Each unknown as (branches, joints, sets);
+        None where the effect is absent from all sets.
+        """
         columns = [self.columns.get((kind.effect, joint)) for joint in range(len(self._places))]
         present = [columns[0] if c is None else c for c in columns if columns[0] is not None]
         if not present or not np.any(unknowns[:, :, [c.start for c in present]]):
@@ -353,7 +357,9 @@ class JointCandidates:
 
 
 def knee_and_plateau(taken: Callable[[Floats], Floats], limit: float) -> dict[str, float]:
-    """Parameters of a saturation that takes `taken` of a commanded torque, at a joint with this limit torque [Nm]."""
+    """Parameters of a saturation that takes `taken` of a commanded torque,
+    at a joint with this limit torque [Nm].
+    """
     torque = np.linspace(0.0, NO_KNEE, 20001)[1:]
     beyond = taken(torque) >= LOSS_AT_KNEE * torque
     knee = float(torque[np.argmax(beyond)]) if beyond.any() else NO_KNEE

@@ -93,7 +93,9 @@ class Drives:
 
     @cached_property
     def bristles(self) -> Floats | None:
-        """How far those of all dry friction bend together before they give way [rad]; None where they are rigid."""
+        """How far those of all dry friction bend together before they give way [rad];
+        None where they are rigid.
+        """
         both = [dry for dry in (self.coulomb_friction, self.stiction) if dry is not None]
         bent = [level * bend for level, *_, bend in both]
         if not any(np.any(each) for each in bent):
@@ -116,7 +118,8 @@ class Drives:
     def sent(
         self, law: Floats, feedforward: Floats, instants: Indices, first: Indices, last: Indices
     ) -> Floats:
-        """Law and feed-forward [Nm] that the drives use at the instants, shape (windows, branches, joints, sets).
+        """Law and feed-forward [Nm] that the drives use at the instants,
+        shape (windows, branches, joints, sets).
 
         Args:
             law: kp q_des + kd dq_des [Nm], shape (instants, branches, joints).
@@ -223,7 +226,8 @@ class Drives:
 
 
 def lost(torque: Floats, slope: Floats, corner: Floats, rounding: Floats) -> Floats:
-    """Torque [Nm] that saturation takes from a torque >= 0: none at 0, in the end `slope` times what is above `corner`.
+    """Torque [Nm] that saturation takes from a torque >= 0:
+    none at 0, in the end `slope` times what is above `corner`.
 
     The corner is rounded over a few times `rounding`: iron saturates little by little. Of more
     torque the share `slope` (cosh(torque / rounding) - 1) / (cosh(torque / rounding) +
@@ -259,7 +263,9 @@ def saturation_loss(
 def _late(
     stream: Floats, instants: Indices, steps: Floats, first: Indices, last: Indices
 ) -> Floats:
-    """A held stream that is `steps` instants late, shape (branches, joints, sets), averaged over the coming one."""
+    """A held stream that is `steps` instants late,
+    shape (branches, joints, sets), averaged over the coming one.
+    """
     branches, joints = stream.shape[1:]
     place = np.arange(branches * joints).reshape(branches, joints, 1)
     now, first, last = (each[:, None, None, None] for each in (instants, first, last))

@@ -92,7 +92,8 @@ def test_a_robot_beyond_the_limits_of_its_stage_is_named_and_damped(
 
 def sine(speed_share: float = 1.0) -> Experiment:
     return Experiment(
-        name="sine", how="", shows=(), base="fixed", limits=Limits(tilt_rad=3.2, speed_share=speed_share),
+        name="sine", how="", shows=(), base="fixed",
+        limits=Limits(tilt_rad=3.2, speed_share=speed_share),
         sections=lambda robot: repeated("sine", 1, motions.sine(robot, 1.0, 1.0, 0.2)),
     )  # fmt: skip
 
