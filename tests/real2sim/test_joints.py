@@ -268,6 +268,7 @@ def test_fits_of_a_speed_limit_start_where_it_acts_also_if_one_leg_has_it(slowes
         assert np.any((no_load > 0.7 * speed) & (no_load < 0.95 * speed))
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("side", [0.0, 1.0], ids=["encoder at the joint", "encoder at the motor"])
 def test_play_shows_on_the_side_of_its_encoder(side: float) -> None:
     """At the hips.

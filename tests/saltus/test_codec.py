@@ -88,6 +88,7 @@ def test_random_bytes_raise_nothing_but_message_errors(kind: type[Message], data
             decode(kind, candidate)
 
 
+@pytest.mark.sample(4)
 @kinds
 @given(
     flips=st.lists(st.tuples(st.integers(0, 10**6), st.integers(1, 255)), min_size=1, max_size=8)

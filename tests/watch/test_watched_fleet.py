@@ -64,6 +64,7 @@ def robots(tmp_path: Path) -> Iterator[list[Sender]]:
     router.close()
 
 
+@pytest.mark.slow
 def test_each_robot_has_a_panel_and_one_that_falls_silent_is_told(
     robots: list[Sender], tmp_path: Path
 ) -> None:
