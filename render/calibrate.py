@@ -160,13 +160,13 @@ def fit_place(
         RecordingError: what the camera sees is no level ground.
     """
     chosen = [pairs[int(i)] for i in np.unique(np.linspace(0, len(pairs) - 1, MOST_FRAMES).round())]
-    views = [_View.of(frame, state, robot) for frame, state in chosen]
+    views = [View.of(frame, state, robot) for frame, state in chosen]
     claimed = CameraPlace(
         pitch=float(robot.camera_pitch),
         roll=float(robot.camera_roll),
         height=float(robot.camera_position[2]),
     )
-    everything = _View.joined(views)
+    everything = View.joined(views)
     found = _fit(everything, _begin(everything, claimed))
     depth, sigma = everything.expected(found)
     near = np.abs(everything.over_ground(found)) < 4.0 * sigma
@@ -180,13 +180,13 @@ def fit_place(
             "ahead"
         )
     blocks = np.array_split(np.arange(len(views)), min(BLOCKS, len(views)))
-    parts = [_fit(_View.joined([views[i] for i in block]), found) for block in blocks]
-    spread = np.std([part.numbers for part in parts], axis=0, ddof=1) / np.sqrt(len(parts))
+    parts = [_fit(View.joined([views[i] for i in block]), found) for block in blocks]
+    spread = interval_90(np.array([part.numbers for part in parts]))
     position = (float(robot.camera_position[0]), float(robot.camera_position[1]), found.height)
     return Calibration(
         claimed=claimed,
         found=found,
-        half_width_90=NOWHERE.by(float(stdtrit(len(parts) - 1, 0.95)) * spread),
+        half_width_90=NOWHERE.by(spread),
         on_ground=on_ground,
         frames=len(views),
         camera=replace(
@@ -202,7 +202,7 @@ def fit_place(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _View:
+class View:
     """Points that a camera sees, for any number of images."""
 
     points: Floats
@@ -218,7 +218,8 @@ class _View:
     """Claimed, as level ground does not tell it [rad]."""
 
     @classmethod
-    def of(cls, frame: DepthFrame, state: RobotState, robot: Robot) -> "_View":
+    def of(cls, frame: DepthFrame, state: RobotState, robot: Robot) -> "View":
+        """Points of one image, with the state at which it was taken."""
         rays = ray_directions(intrinsics_of(frame))[::EVERY_PIXEL, ::EVERY_PIXEL]
         raw = frame.depth[::EVERY_PIXEL, ::EVERY_PIXEL]
         seen = (raw > 0) & (raw < NOTHING)
@@ -232,7 +233,8 @@ class _View:
         )  # fmt: skip
 
     @classmethod
-    def joined(cls, views: "Sequence[_View]") -> "_View":
+    def joined(cls, views: "Sequence[View]") -> "View":
+        """Points of all views."""
         return cls(
             points=np.concatenate([view.points for view in views]),
             up=np.concatenate([view.up for view in views]),
@@ -272,7 +274,7 @@ class _View:
         return np.stack([self.in_base(place)[:, 0], self.over_ground(place)], axis=-1)
 
 
-def _begin(view: _View, claimed: CameraPlace) -> CameraPlace:
+def _begin(view: View, claimed: CameraPlace) -> CameraPlace:
     """Place with the most points on the ground, of many about the claimed one."""
     few = replace(
         view, points=view.points[::20], up=view.up[::20], base_height=view.base_height[::20]
@@ -285,7 +287,7 @@ def _begin(view: _View, claimed: CameraPlace) -> CameraPlace:
     )
 
 
-def _fit(view: _View, place: CameraPlace) -> CameraPlace:
+def _fit(view: View, place: CameraPlace) -> CameraPlace:
     """Gauss and Newton with Huber's weights; points off the ground do not count."""
     for gate in GATES_M:
         error, (depth, sigma) = view.over_ground(place), view.expected(place)
@@ -306,6 +308,12 @@ def _fit(view: _View, place: CameraPlace) -> CameraPlace:
         normal = (slopes * weight[:, None]).T @ slopes + 1e-9 * np.eye(3)
         place = place.by(-np.linalg.solve(normal, (slopes * weight[:, None]).T @ error))
     return place
+
+
+def interval_90(parts: Floats) -> Floats:
+    """Half of the 90 % interval of a mean, by the values of the parts, shape (n, ...)."""
+    spread = np.std(parts, axis=0, ddof=1) / np.sqrt(len(parts))
+    return np.asarray(float(stdtrit(len(parts) - 1, 0.95)) * spread)
 
 
 def in_range(depth: Floats) -> NDArray[np.bool_]:

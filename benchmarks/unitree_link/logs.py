@@ -71,8 +71,9 @@ def found(number: int, seed: int, out: Path, domain: int) -> dict[str, Any]:
         "--out", str(names),
     )  # fmt: skip
     verdict = _saltus(
-        "real2sim", "find", str(names), "--out", str(folder / "found"), "--no-report", "--json"
-    )
+        "real2sim", "find", str(names), "--out", str(folder / "found"), "--no-report", "--json",
+        ends=(0, 1),  # 1 where the log contradicts itself
+    )  # fmt: skip
     return {"effect": effect, **parameters, **_judged(effect, json.loads(verdict.splitlines()[-1]))}
 
 
@@ -115,11 +116,14 @@ def _running(*command: str) -> Iterator[None]:
             process.communicate(timeout=TO_COME_S)
 
 
-def _saltus(*command: str) -> str:
-    return subprocess.run(
-        _line(*command), check=True, stdout=subprocess.PIPE, encoding="utf-8", timeout=PATIENCE_S,
-        env=_environment(),
-    ).stdout  # fmt: skip
+def _saltus(*command: str, ends: tuple[int, ...] = (0,)) -> str:
+    process = subprocess.run(
+        _line(*command), stdout=subprocess.PIPE, encoding="utf-8", timeout=PATIENCE_S,
+        env=_environment(), check=False,
+    )  # fmt: skip
+    if process.returncode not in ends:
+        raise subprocess.CalledProcessError(process.returncode, command)
+    return process.stdout
 
 
 def _line(*command: str) -> list[str]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Annotated
 
+from saltus.cli.camera_checks import camera_checks
 from saltus.cli.output import JsonOption
 from saltus.config import Pace
 from saltus.errors import ConfigError, StackError
@@ -87,11 +88,15 @@ class Preflight(JsonOption, LinkOptions):
     For example:
       saltus robot preflight --interface enp3s0 --domain 0
       saltus robot preflight --standing --json
+      saltus robot preflight --standing --recording runs/one/recording.mcap
     """
 
     standing: Flag = False
     """The robot stands on level ground by itself: it is told nothing, and its IMU is compared with
     its legs. Without, it hangs with its feet in the air."""
+    recording: Annotated[Path | None, shown("PATH", "the camera is not judged")] = None
+    """A recorded run (.mcap) in which the robot stood for a second and then pitched, or bounded, on
+    level ground with nothing ahead: place and lateness of its camera are judged by it."""
     speed: float = 1.0
     """Speed of a simulated robot, as it was told there."""
 
@@ -120,6 +125,8 @@ class Preflight(JsonOption, LinkOptions):
             )  # fmt: skip
         finally:
             link.close()
+        if self.recording is not None:
+            checks += camera_checks(self.recording)
         for check in checks:
             told = "ok     " if check.passed else "REFUSED"
             print(f"{told} {check.name:13} {check.found}  (allowed: {check.allowed})")
