@@ -70,6 +70,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record(tmp_path_factory.mktemp("run") / "recording.mcap", run, maps).path
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("kind", BROKEN)
 def test_checkpoints_models_and_recordings_that_are_none(
     kind: str, data: Path, recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

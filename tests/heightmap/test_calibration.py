@@ -15,7 +15,7 @@ from saltus.heightmap.training.calibration import calibrate
 from saltus.heightmap.training.dataset import EpisodeStore, ImageNoise, run_window
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("stated", "spread"), [(0.1, 0.0), (3.0, 0.0), (1.0, 10.0), (0.1, 40.0), (3.0, 40.0)]
 )

@@ -78,6 +78,7 @@ def test_time_goes_on_and_what_did_not_is_counted(name: str) -> None:
         assert steady == stamps_ns
 
 
+@pytest.mark.sample(6)
 @pytest.mark.parametrize("name", STAMPS)
 def test_a_recording_is_served_at_its_own_pace_without_a_longer_sleep(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

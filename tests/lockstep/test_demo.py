@@ -237,6 +237,7 @@ def check_landed(folder: Path) -> None:
     assert recording.of(RobotState)[-1].mode in (ControllerMode.STAND, ControllerMode.STOPPED)
 
 
+@pytest.mark.slow
 def test_a_demo_that_is_ended_lands_closes_the_recording_and_says_by_what(tmp_path: Path) -> None:
     """SIGTERM ends a demo here, SIGINT below.
 

@@ -61,7 +61,7 @@ def run(folder: Path, number: int) -> Recording:
     return recorded_run(folder, config, ASKED[number])
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("number", range(len(COURSES)))
 def test_every_process_repeats_to_the_bit(number: int, tmp_path: Path) -> None:
     recording = run(tmp_path, number)

@@ -86,6 +86,7 @@ def test_a_robot_without_saltus_is_told_what_saltus_is_told(run_dir: Path) -> No
     np.testing.assert_allclose(np.array(seen[-1]["height"])[ahead], -0.285, atol=0.01)
 
 
+@pytest.mark.slow
 def test_a_robot_that_stands_is_checked_while_it_runs(
     run_dir: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

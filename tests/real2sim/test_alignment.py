@@ -23,7 +23,7 @@ def problem(truth: dict[str, float]) -> CameraProblem:
     )
 
 
-@pytest.mark.sample(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("truth", FAR, ids=lambda truth: ", ".join(truth))
 def test_a_camera_that_is_far_off_is_named_with_its_values(truth: dict[str, float]) -> None:
     found = search(problem(truth))

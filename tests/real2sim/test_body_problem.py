@@ -49,7 +49,7 @@ def test_residuals_are_noise_where_the_model_is_right(claimed: BodyProblem) -> N
     assert residuals.shape == claimed.segment.shape == claimed.signal.shape == claimed.time_s.shape
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("effect", "name", "value"),
     [
@@ -67,7 +67,7 @@ def test_the_true_effect_removes_the_gap(effect: Effect, name: str, value: float
     assert np.mean(at(problem, **{name: 0.7 * value}) ** 2) > closed
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     "effect",
     [

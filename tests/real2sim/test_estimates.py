@@ -57,6 +57,7 @@ def interval_of_another_shape(misfit: float, seed: int) -> Interval:
     return found.params["size"]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("misfit", [0.0, 0.1, 0.3])
 def test_intervals_hold_the_size_of_an_effect_of_another_shape(misfit: float) -> None:
     found = [interval_of_another_shape(misfit, seed) for seed in range(12)]

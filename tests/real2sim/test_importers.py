@@ -64,6 +64,7 @@ def same(log: RunLog, other: RunLog) -> None:
         assert theirs == {"roll": 0.0, "yaw": 0.0} | mine | {"rate": pytest.approx(mine["rate"])}
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("kind", ["sqlite3", "mcap", "ros1"])
 @pytest.mark.parametrize("made", [body_log, joints_log])
 def test_a_bag_of_ros_becomes_the_log_that_it_was_made_of(
@@ -265,6 +266,7 @@ def _misnamed(log: RunLog) -> RunLog:
     return replace(log, meta=log.meta | {"joints": ["FR_hp", *log.meta["joints"][1:]]})
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize(
     ("damage", "topics", "claims", "says"),
     [

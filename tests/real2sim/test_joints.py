@@ -219,7 +219,7 @@ def test_residuals_of_the_right_model_are_white(correlation: float) -> None:
         assert abs(np.mean(one[:, 1:] * one[:, :-1])) < (0.15 if correlation == 0.0 else 0.35)
 
 
-@pytest.mark.sample(6)
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("case", [*CASES, COARSE], ids=name_of)
 def test_an_effect_shows_and_its_truth_leaves_noise(case: Hidden) -> None:
     problem = problem_of(case.effect)
@@ -480,7 +480,7 @@ HIDDEN = (
 )
 
 
-@pytest.mark.sample(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", HIDDEN, ids=lambda effect: effect.name)
 def test_an_effect_that_a_robot_hides_is_found_by_its_name(effect: Effect[Any]) -> None:
     findings = search(JointProblem(of_one_leg(noisy(motion(effect)))))
@@ -507,6 +507,7 @@ def of_motion(log: RunLog, condition: str) -> RunLog:
     )
 
 
+@pytest.mark.slow
 def test_a_soft_end_stop_is_found_where_knees_lean_on_it() -> None:
     """0.1 rad before the model's limit, at -0.888 rad."""
     log = motion(EndStop(upper=(np.inf, np.inf, -0.99) * 4, stiffness=250.0), stretched=0.5)

@@ -57,7 +57,7 @@ REACHED = 28.0  # rad/s, by the pendulums
 LAG = {"actuator_lag": (0.006,)}
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("has", SURPLUS.values(), ids=SURPLUS)
 @pytest.mark.parametrize("known", [{}, LAG], ids=["lag is missing", "lag is known"])
 def test_what_the_log_does_not_show_is_said_and_nothing_is_named_in_its_place(

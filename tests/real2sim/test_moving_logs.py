@@ -168,6 +168,7 @@ def test_damage_of_the_log_of_a_moving_robot_is_named(
     assert faults[0].name in names.split("|"), faults[0].text
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize(
     ("family", "damage"),
     [
@@ -187,6 +188,7 @@ def test_a_rate_that_is_not_that_of_the_pose_is_named(
     assert [fault.name for fault in faults if fault.is_fatal][:1] == ["wrong_rate"]
 
 
+@pytest.mark.slow
 def test_what_a_jumping_log_tells_is_compared_and_what_it_cannot_is_said(
     logs: dict[str, RunLog],
 ) -> None:
@@ -277,7 +279,7 @@ def _claims(log: RunLog, **claims: object) -> RunLog:
     return replace(log, meta={**log.meta, **claims})
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("hide", "effect", "parameter", "value"),
     [

@@ -82,6 +82,7 @@ def on_stairs(camera: Intrinsics, optics: Optics) -> Any:
     )
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("config", [UNFILTERED, StereoConfig()], ids=["unfiltered", "filtered"])
 def test_fast_chain_has_the_statistics_of_the_native_one(config: StereoConfig) -> None:
     # Where it meets what is in range, edges are beyond 2 m: see docs

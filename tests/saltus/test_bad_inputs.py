@@ -483,7 +483,7 @@ def files(place: Path) -> dict[Path, bytes | None]:
     return {path: path.read_bytes() if path.is_file() else None for path in place.rglob("*")}
 
 
-@pytest.mark.sample(130)
+@pytest.mark.sample(65)
 @pytest.mark.parametrize("words", BAD, ids=str)
 def test_bad_input(
     words: str, place: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]

@@ -12,6 +12,7 @@ from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import WIDTH, Terrain, checked
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("difficulty", [0.0, 0.5, 1.0])
 def test_robots_start_clear_of_what_stands_about(difficulty: float) -> None:
     """Up to as high as asked for; some ground ends; another layout is another scene."""

@@ -62,6 +62,7 @@ def assert_alike(one: Torques, other: Torques) -> None:
         np.testing.assert_allclose(values, getattr(other.resistance, name), atol=1e-9)
 
 
+@pytest.mark.sample(7)
 @pytest.mark.parametrize("effects", CHAINS, ids=NAMES)
 def test_compiled_drives_are_the_drives(effects: tuple[Effect[Any], ...]) -> None:
     chain = ActuatorChain(effects).fitted(ROBOT)

@@ -143,6 +143,7 @@ def test_every_number_of_ours_that_stands_beside_the_papers_is_among_the_publish
                 assert seeds == [known["seed"] for known in trainings]
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize(
     "row", [row for row in ROWS if row.needs == ABLATION], ids=lambda row: row.name
 )

@@ -34,7 +34,7 @@ def refused(*faults: str, seed: int = 0, stands: bool = False) -> set[str]:
     return {name for name, passed in checked(wire, stands=stands).items() if not passed}
 
 
-@pytest.mark.sample(5)
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("kind", FOUND_BY)
 def test_each_fault_of_a_hanging_robot_is_found_and_named(kind: str) -> None:
     found = refused(kind)
@@ -104,6 +104,7 @@ def test_a_robot_that_is_refused_at_rest_is_told_nothing(kind: str) -> None:
     assert not wire.sent
 
 
+@pytest.mark.slow
 def test_the_command_judges_a_robot_in_another_process() -> None:
     """Its figures depend on how busy this computer is; its form and the refusal do not."""
     where = ("--domain", str(own_domain()), "--speed", "0.5")

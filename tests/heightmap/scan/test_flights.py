@@ -79,6 +79,7 @@ def test_a_ray_that_meets_nothing_has_no_depth():
     assert float(found) == 0.0
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("families", [("flat",), ("stairs",), ("stones",), ("rough",)])
 def test_without_errors_the_map_is_the_truth(fly, draws, families):
     """Cells whose points are all at one height hold that height; edges hold what is between.
