@@ -18,6 +18,8 @@ from saltus.terrain.terrain import Terrain
 
 SLACK_ROWS = 0.01  # for rounding
 SLACK_M = 0.01
+Imagers = tuple[Floats, Floats]
+"""Places of the left imagers and of the right ones [m], world frame, shape (n, 3) each."""
 
 
 def doubtful(
@@ -45,8 +47,9 @@ def doubtful(
     """
     if terrain.columns is None:
         return np.arange(depth.size)
-    found = _beside(terrain.columns, camera, origin, rotation, baseline_m, depth)
-    image, first, last, column = _strips(terrain.columns, camera, origin, rotation, baseline_m)
+    right = origin + baseline_m * rotation[..., 0]
+    found = _beside(terrain.columns, camera, (origin, right), rotation, depth)
+    image, first, last, column = _strips(terrain.columns, camera, (origin, right), rotation)
     tall = last - first
     strip = np.repeat(np.arange(len(tall)), tall)
     row = np.arange(len(strip)) + np.repeat(first - np.cumsum(tall) + tall, tall)
@@ -57,18 +60,17 @@ def doubtful(
 def _beside(
     columns: Columns,
     camera: Intrinsics,
-    origin: Floats,
+    imagers: Imagers,
     rotation: Floats,
-    baseline_m: float,
     depth: NDArray[np.float32],
 ) -> NDArray[np.bool_]:
     """Points of which the corners do not tell all:
     not over the course, or seen from beside it or from within it.
     """
     limit = 0.5 * columns.width - SLACK_M
-    right = origin + baseline_m * rotation[..., 0]
-    strange = np.zeros(len(origin), dtype=np.bool_)
-    for imager in (origin, right):
+    left, _ = imagers
+    strange = np.zeros(len(left), dtype=np.bool_)
+    for imager in imagers:
         strange |= abs(imager[:, 1]) > limit
         strange |= columns.height_at(imager[:, 0]) > imager[:, 2] - SLACK_M
     lateral = rotation[:, 1].astype(np.float32)
@@ -76,13 +78,13 @@ def _beside(
     y = ((np.arange(camera.height) + 0.5 - camera.cy) / camera.fy).astype(np.float32)
     place = (lateral[:, 1:2] * y + lateral[:, 2:])[:, :, None] + (lateral[:, :1] * x)[:, None, :]
     place *= depth
-    place += origin[:, 1, None, None].astype(np.float32)
+    place += left[:, 1, None, None].astype(np.float32)
     np.abs(place, out=place)
     return (place > limit) | strange[:, None, None]
 
 
 def _strips(
-    columns: Columns, camera: Intrinsics, origin: Floats, rotation: Floats, baseline_m: float
+    columns: Columns, camera: Intrinsics, imagers: Imagers, rotation: Floats
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Image, first row, end of the rows, and column of each part
     of a column of pixels along a corner.
@@ -91,7 +93,7 @@ def _strips(
     corner_x, corner_z = columns.x, np.maximum(top[1:], top[:-1])
     x = (np.arange(camera.width) + 0.5 - camera.cx) / camera.fx
     edges, rises = [], []
-    for imager in (origin, origin + baseline_m * rotation[..., 0]):
+    for imager in imagers:
         ahead, up = corner_x - imager[:, :1], corner_z - imager[:, 2:]
         # cross product of the way to the corner and the direction of a pixel: linear in the pixel's
         # tangents

@@ -70,14 +70,19 @@ def swing(rows: int) -> np.ndarray:
     return command
 
 
-def test_legs_move_as_another_integrator_moves_them():
-    rig = Rig(
-        command=swing(400),
+def swinging(rows: int, tick_steps: int) -> Rig:
+    """Legs that swing for so many rows, on soft gains."""
+    return Rig(
+        command=swing(rows),
         kp=np.full(12, 30.0),
         kd=np.full(12, 1.0),
         control_dt=0.002,
-        tick_steps=16,
+        tick_steps=tick_steps,
     )
+
+
+def test_legs_move_as_another_integrator_moves_them():
+    rig = swinging(400, tick_steps=16)
     model = mujoco.MjModel.from_xml_string(
         mjcf.model_text(free=False, timestep=0.0005, integrator="RK4")
     )
@@ -98,13 +103,7 @@ def test_legs_move_as_another_integrator_moves_them():
 @pytest.mark.parametrize("kind", ["command", "forward"])
 @pytest.mark.parametrize("delay", [3e-4, 2.1e-3, 7e-3])
 def test_packets_are_late_by_their_delay(kind, delay):
-    rig = Rig(
-        command=swing(4000),
-        kp=np.full(12, 30.0),
-        kd=np.full(12, 1.0),
-        control_dt=0.002,
-        tick_steps=4,
-    )
+    rig = swinging(4000, tick_steps=4)
     hidden = Hidden(**{f"{kind}_delay": np.full(12, delay)})
     late = mean_delay(rig, hidden)
     assert np.allclose(late[kind == "forward"], delay, atol=2e-5)
@@ -309,13 +308,7 @@ def test_play_is_logged_on_the_side_of_its_encoder(motor_side):
 
     At the joint, what is half a gap ahead of it or behind.
     """
-    rig = Rig(
-        command=swing(1500),
-        kp=np.full(12, 30.0),
-        kd=np.full(12, 1.0),
-        control_dt=0.002,
-        tick_steps=1,
-    )
+    rig = swinging(1500, tick_steps=1)
     shape = {"stiffness": 2e4, "damped": 0.3, "motor_side": motor_side}
     setting = Setting(effect="backlash", size=0.02, where=JOINTS, shape=shape)
     peak = joint_effects.Peak(speed=np.full(12, 10.0), torque=np.full(12, 15.0))
