@@ -1,6 +1,5 @@
 """The newest plan and its age, and the event that is sent when plans stop coming."""
 
-import time
 from dataclasses import replace
 
 from saltus.controller.watchdog import WatchdogConfig
@@ -29,12 +28,7 @@ class Plans:
 
     def wait(self, timeout_s: float) -> AnyPlan | None:
         """The next plan, at most `timeout_s` from now."""
-        until_s, bell = time.monotonic() + timeout_s, self._context.bus.bell
-        heard = bell.rings
-        while (plan := self.take()) is None and (left_s := until_s - time.monotonic()) > 0.0:
-            bell.wait(heard, left_s)
-            heard = bell.rings
-        return plan
+        return self._context.bus.bell.wait_for(self.take, timeout_s)
 
     def newest(self, now_ns: int, *, halt: bool) -> tuple[AnyPlan | None, float]:
         """The newest plan and its age [s]; infinite before the first.

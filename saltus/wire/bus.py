@@ -13,13 +13,15 @@ from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from saltus.errors import MessageError, nearest_hint
 from saltus.wire import codec
 from saltus.wire.codec import Envelope
 from saltus.wire.messages import Message
 from saltus.wire.topics import TOPICS, Topic
+
+Taken = TypeVar("Taken")
 
 RETIRED_SENDERS = 16
 # Samples kept between two takes, so that junk beside a good message is counted and does not hide it
@@ -82,6 +84,17 @@ class Bell:
         """Waits until it has rung more often than `heard`, at most `timeout_s`."""
         with self._condition:
             self._condition.wait_for(lambda: self.rings != heard, timeout_s)
+
+    def wait_for(self, take: Callable[[], Taken], timeout_s: float) -> Taken:
+        """Calls `take` at each ring, for at most `timeout_s`, until it returns other than None.
+
+        Returns what it returned last.
+        """
+        deadline_s, heard = time.monotonic() + timeout_s, self.rings
+        while (taken := take()) is None and (left_s := deadline_s - time.monotonic()) > 0.0:
+            self.wait(heard, left_s)
+            heard = self.rings
+        return taken
 
 
 class Slot:
@@ -166,12 +179,7 @@ class Latest:
 
     def wait(self, timeout_s: float) -> Sample | None:
         """Waits for the next message, at most `timeout_s`."""
-        deadline_s, bell = time.monotonic() + timeout_s, self._slot.bell
-        heard = bell.rings
-        while (sample := self.take()) is None and (left_s := deadline_s - time.monotonic()) > 0.0:
-            bell.wait(heard, left_s)
-            heard = bell.rings
-        return sample
+        return self._slot.bell.wait_for(self.take, timeout_s)
 
     def silent_s(self) -> float:
         """Seconds since the last accepted message; infinite before the first."""
