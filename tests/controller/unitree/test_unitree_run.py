@@ -7,6 +7,7 @@ from unitree_processes import saltus, simulated
 from benchmarks.unitree_link.command import own_domain
 from benchmarks.unitree_link.in_memory import ROBOT, Bounding, Wire
 from benchmarks.unitree_link.in_memory import simulated as simulated_here
+from benchmarks.unitree_link.planted import DAMPED_S, run_with
 from saltus.controller.rising import RISE_S
 from saltus.controller.robot.unitree.limits import STAGES, StageLimits
 from saltus.controller.robot.unitree.messages import LOW_COMMAND, MOTORS
@@ -52,6 +53,17 @@ def test_a_robot_that_is_lost_in_midair_is_damped(seed: int) -> None:
     motors = LOW_COMMAND.read([bounding.wire.sent[-1]])[0]["motor_cmd"][:MOTORS]
     assert not motors["kp"].any()
     assert not motors["tau"].any()
+
+
+@pytest.mark.parametrize("kind", ["foreign", "kept", "button"])
+def test_a_bounding_robot_that_others_move_is_told_nothing_more_or_damped(kind: str) -> None:
+    ran = run_with(kind, 11)
+    if kind == "button":
+        assert ran["damped_s"] <= DAMPED_S
+        assert "button" in ran["said"]
+    else:
+        assert ran["sent_beside_others"] == 0
+        assert "nothing is sent" in ran["said"]
 
 
 def test_a_robot_is_led_softly_to_its_stand_pose() -> None:
