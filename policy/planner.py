@@ -11,7 +11,7 @@ from saltus.loop.planner import Planner, observe
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.states import standing_state
-from saltus.used_networks import model_path
+from saltus.used_networks import POLICIES, model_path
 
 
 def make_planner(
@@ -19,7 +19,7 @@ def make_planner(
 ) -> Planner:
     """A planner by its name, of robots that are given heights on a grid.
 
-    The learned one comes from an ONNX file, by default the shipped policy.
+    The learned one comes from an ONNX file, by default the policy that is shipped for the robot.
 
     Raises:
         ModelError: the policy is damaged, or made for another program, robot or grid.
@@ -28,7 +28,7 @@ def make_planner(
     if name == "learned":
         from saltus.policy.actor import PolicyActor  # here, so that rules need no ONNX Runtime
 
-        return PolicyActor(robot, grid, model_path("policy", model))
+        return PolicyActor(robot, grid, model_path("policy", model, robot.name))
     if model is not None:
         raise ConfigError(
             f"model = {model}: only the learned planner has one; add --planner learned"
@@ -41,12 +41,9 @@ def make_planner(
 def jumping_planner(robot: Robot) -> Planner:
     """The planner of a robot that walks and is told to jump, given heights on the line.
 
-    It is the shipped policy, or rules where that was made for another robot.
+    It is the policy that is shipped for the robot, or rules where there is none.
     """
-    from saltus.model_file import ModelFile
-
-    shipped = ModelFile(model_path("policy"))
-    name: PlannerName = "learned" if shipped.field("robot") == robot.name else "scripted"
+    name: PlannerName = "learned" if robot.name in POLICIES else "scripted"
     return make_planner(name, robot, LINE)
 
 

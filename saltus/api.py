@@ -217,7 +217,7 @@ def roll_out(
         source = HEIGHTS[heights]
     drawn, grid = (
         [Trial.draw(seed + i) for i in range(trials)],
-        grid or grid_of(model_path("policy")),
+        grid or grid_of(model_path("policy", robot=robot.name)),
     )
     setups = named_setups(robot, grid, camera, profile, [terrain] * trials, drawn)
     driver = planner or make_planner("learned", setups[0].robot, grid)

@@ -2,9 +2,9 @@
 
 import hashlib
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
-from saltus.config import RunConfig
+from saltus.config import UNNAMED, RunConfig
 from saltus.errors import ModelError
 from saltus.resources import resource
 
@@ -12,15 +12,31 @@ ModelKind = Literal["heightmap", "policy", "scan"]
 MODEL_ID_DIGITS = 16
 
 
-SCAN = "scan"
+SCAN: Final = "scan"
 """Name of the shipped network for any robot and grid, where the file of a model may be named."""
 
 
-def model_path(kind: ModelKind, given: str | Path | None = None) -> Path:
-    """A model's ONNX file: the one that is given, which may be `SCAN`, else the shipped one."""
-    if given is None or str(given) == SCAN:
-        return resource(f"models/{SCAN if given else kind}.onnx")
-    return Path(given)
+POLICIES = {"go1": "policy", "go2": "policy_go2"}
+"""File, without its ending, of the policy that is shipped for a robot to jump by."""
+
+
+def model_path(
+    kind: ModelKind, given: str | Path | None = None, robot: str = UNNAMED["robot"]
+) -> Path:
+    """A model's ONNX file: the one that is given, which may be `SCAN`, else the shipped one.
+
+    Args:
+        kind: What the network does.
+        given: A file, or `SCAN`; None for the shipped one.
+        robot: Its name. Another robot than the Go1 sees by the scan's network; one that no policy
+            is shipped for gets the Go1's, which refuses it.
+    """
+    if given is not None and str(given) != SCAN:
+        return Path(given)
+    if given is not None or (kind == "heightmap" and robot != UNNAMED["robot"]):
+        kind = SCAN
+    name = POLICIES.get(robot, kind) if kind == "policy" else kind
+    return resource(f"models/{name}.onnx")
 
 
 def model_id(data: bytes) -> str:
@@ -37,9 +53,10 @@ def models_of(run: RunConfig) -> dict[str, str]:
     walks = run.planner == "walking"
     paths = {}
     if run.heights == "predicted":
-        paths["heightmap"] = model_path("scan" if walks else "heightmap", run.heightmap_model)
+        kind: ModelKind = "scan" if walks else "heightmap"
+        paths["heightmap"] = model_path(kind, run.heightmap_model, run.robot)
     if run.planner == "learned":
-        paths["policy"] = model_path("policy", run.policy_model)
+        paths["policy"] = model_path("policy", run.policy_model, run.robot)
     if walks and run.policy_model is not None:
         paths["walk"] = Path(run.policy_model)
     try:

@@ -34,7 +34,7 @@ class PredictedHeightsFactory:
     """Makes `PredictedHeights` for a batch; can be sent to another process."""
 
     model: Path | None = None
-    """ONNX file; by default the shipped model."""
+    """ONNX file; by default the one that is shipped for the robot."""
 
     def __call__(self, setups: Sequence[Setup]) -> "PredictedHeights | ScanHeights":
         """A source of heights for one batch; errors of stereo matching are made by the fast chain.
@@ -43,7 +43,7 @@ class PredictedHeightsFactory:
             ConfigError: the profile shifts true heights.
             ModelError: the model cannot be used.
         """
-        return predicted_heights(model_path("heightmap", self.model), setups)
+        return predicted_heights(model_path("heightmap", self.model, setups[0].robot.name), setups)
 
 
 def load_predictor(

@@ -75,7 +75,8 @@ class Choice:
 def choose(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> Choice:
     """Runs the trials that are still missing, and writes down what came of them."""
     trained = [kind for kind in MODELS if folder.model(kind) is not None]
-    names = trials.names_of({kind: folder.model(kind) for kind in trained})
+    files = {kind: folder.model(kind) for kind in trained}
+    names = trials.names_of(files, settings.loop.robot)
     known = chosen(folder)
     choice = known if known is not None and known.models == names else Choice(models=names)
     pairs = pairs_of(trained, with_drives=finds_drives(folder))

@@ -52,7 +52,7 @@ def measure(
 ) -> Measured:
     """Runs the trials that are still missing of a course, and writes them down batch by batch."""
     models = models_of(folder, when)
-    names = names_of(models)
+    names = names_of(models, settings.loop.robot)
     known = measured(folder, when, course)
     if known is None or known.models != names:  # of a training that was taken in another's place
         known = Measured(models=names, failures={})

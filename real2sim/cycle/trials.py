@@ -20,10 +20,11 @@ COURSES = {
 }
 
 
-def names_of(models: Mapping[ModelKind, Path | None]) -> dict[str, str]:
-    """Name of each network by its kind."""
+def names_of(models: Mapping[ModelKind, Path | None], robot: str) -> dict[str, str]:
+    """Name of each network by its kind; the shipped one of the robot where no file is named."""
     return {
-        str(kind): model_id(model_path(kind, model).read_bytes()) for kind, model in models.items()
+        str(kind): model_id(model_path(kind, model, robot).read_bytes())
+        for kind, model in models.items()
     }
 
 

@@ -200,8 +200,8 @@ class Eval(RobotOption, ModelOptions, JsonOption):
             camera=self.camera, policy=self.policy_model, baselines=self.baselines,
             time_limit_s=self.time_limit_s,
         )  # fmt: skip
-        models = {"heightmap": model_path("heightmap", self.heightmap_model)}
-        models["policy"] = model_path("policy", self.policy_model)
+        models = {"heightmap": model_path("heightmap", self.heightmap_model, self.robot)}
+        models["policy"] = model_path("policy", self.policy_model, self.robot)
         load_predictor(models["heightmap"], mounted_camera(self.camera, load_robot(self.robot))[1])
         work = partial(config.measure, models["heightmap"])
         measured: list[HeldOutRun] = []

@@ -131,7 +131,7 @@ class Eval(ModelOptions, HardwareOptions, RobotOption, JsonOption):
             from saltus.heightmap.data.predicted import PredictedHeightsFactory, load_predictor
 
             _, robot = mounted_camera(self.camera, load_robot(self.robot))
-            load_predictor(model_path("heightmap", self.heightmap_model), robot)
+            load_predictor(model_path("heightmap", self.heightmap_model, robot.name), robot)
             return PredictedHeightsFactory(model=self.heightmap_model)
         if self.heightmap_model is not None:
             raise ConfigError(
@@ -230,12 +230,12 @@ def _print_table(result: "EvaluationResult", start: str) -> None:
 def _models(command: Eval) -> dict[str, str]:
     """Names of the networks that take part, by their kind."""
     paths = (
-        {"policy": model_path("policy", command.policy_model)}
+        {"policy": model_path("policy", command.policy_model, command.robot)}
         if command.planner == "learned"
         else {}
     )
     if command.heightmap == "predicted":
-        paths["heightmap"] = model_path("heightmap", command.heightmap_model)
+        paths["heightmap"] = model_path("heightmap", command.heightmap_model, command.robot)
     return {kind: model_id(path.read_bytes()) for kind, path in paths.items()}
 
 

@@ -108,7 +108,7 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
     planner: RunPlanner = "learned"
     """scripted: rules that read the heightmap. learned: a network. walking: a network that follows
     commands (saltus drive), from --policy-model, on the 187 heights of the scan; told to jump, the
-    robot jumps by the shipped policy, or by rules where that was made for another robot."""
+    robot jumps by its shipped policy, or by rules where there is none."""
     heights: RunHeights = "predicted"
     """predicted: by the heightmap service's network, of the camera's images. true: the ground as
     the simulator has it, to compare with."""

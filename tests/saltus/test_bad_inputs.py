@@ -123,7 +123,7 @@ BAD = {
     "up --robot other": "--planner scripted",
     "heightmap collect cpu --loop.robot go3": "no robot 'go3'",
     "heightmap collect gpu --robot go2": "docs/robots.md says what takes another",
-    "heightmap eval --robot go2": "heightmap collect cpu --loop.learned 0",
+    f"heightmap eval --robot go2 --heightmap-model {MODEL}": "heightmap collect cpu --loop.learned 0",
     f"demo --robot moved --planner scripted --heightmap-model {MODEL}": "+2.8 cm ahead",
     "demo --policy-model junk.onnx": "junk.onnx",
     "demo --planner scripted --policy-model junk.onnx": "--planner learned",
