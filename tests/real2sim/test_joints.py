@@ -534,6 +534,7 @@ def test_a_base_that_rolls_moves_the_legs_as_the_replay_says(give: float) -> Non
     assert np.mean(left**2) < 0.01 * np.mean(gap**2)
 
 
+@pytest.mark.slow
 def test_a_base_that_rolls_is_found() -> None:
     findings = search(
         JointProblem(of_motion(noisy(motion(BaseRoll(give=0.05, damping=0.2))), "chirp"))
@@ -548,6 +549,7 @@ def test_a_base_is_not_accused_where_joints_are_missing() -> None:
     assert "not all joints" in JointProblem(of_one_leg(noisy(motion()))).untestable["base_roll"]
 
 
+@pytest.mark.slow
 def test_an_integral_term_is_no_spring() -> None:
     """It pulls much as one does, and is in no library."""
     findings = search(JointProblem(of_one_leg(noisy(motion(integral=4.0)))))

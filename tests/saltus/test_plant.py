@@ -39,6 +39,7 @@ def same(first: PlantState, second: PlantState) -> bool:
     return all(np.array_equal(getattr(first, name), getattr(second, name)) for name in names)
 
 
+@pytest.mark.sample(9)
 @pytest.mark.parametrize("kind", FAMILIES)
 @pytest.mark.parametrize("payload_kg", [0.0, 1.5])
 def test_it_stands(kind: str, payload_kg: float) -> None:

@@ -35,6 +35,7 @@ sys.exit(module.main([]))
 """
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("then", ["raises", "returns"])
 @pytest.mark.parametrize("number", [signal.SIGINT, *ENDING])
 def test_what_a_command_holds_is_saved_also_where_the_signal_comes_twice(
