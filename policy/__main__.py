@@ -2,9 +2,7 @@
 
 import sys
 from collections.abc import Callable
-from pathlib import Path
 
-from saltus.errors import ConfigError
 from saltus.grid import LINE
 from saltus.loop.planner import compiled_observe
 from saltus.policy.mover import Jumper, Mover
@@ -13,6 +11,7 @@ from saltus.policy.process import PlannerProcess
 from saltus.robots.legs import LegKinematics
 from saltus.runtime.process import ProcessContext, run_process
 from saltus.runtime.ticker import freshness
+from saltus.used_networks import walking_path
 from saltus.wire.bus import Sample
 from saltus.wire.messages import Done, DriveCommand, Heightmap, RobotState
 from saltus.wire.topics import TOPICS
@@ -164,9 +163,7 @@ def movers_of(context: ProcessContext) -> Callable[[], list[Mover]]:
     from saltus.policy.joints.policy import JointPolicy
     from saltus.policy.joints.walker import Walker
 
-    if config.policy_model is None:
-        raise ConfigError("policy_model is missing: no walking policy is shipped, name one")
-    policy = JointPolicy(Path(config.policy_model))
+    policy = JointPolicy(walking_path(config.robot, config.policy_model))
     scan = grid.places_of(policy.description.height_grid())
     return lambda: [Walker(robot, policy, scan), Jumper(robot, planner, compiled, places)]
 

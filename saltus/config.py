@@ -105,9 +105,10 @@ class RunConfig:
     its commands."""
     planner: RunPlanner = "learned"
     """scripted: rules that read the heightmap. learned: a network. walking: a network that commands
-    joints, from `policy_model`."""
+    joints."""
     policy_model: str | None = None
-    """Path of the learned planner's ONNX file; by default the shipped policy."""
+    """Path of the learned planner's ONNX file, or of the walking one's; by default the shipped
+    policy."""
     heightmap_model: str | None = None
     """Path of the heightmap service's ONNX file; by default the shipped one."""
     heights: RunHeights = "predicted"

@@ -5,11 +5,13 @@ from pathlib import Path
 from typing import Final, Literal
 
 from saltus.config import UNNAMED, RunConfig
-from saltus.errors import ModelError
+from saltus.errors import ConfigError, ModelError
 from saltus.resources import resource
 
 ModelKind = Literal["heightmap", "policy", "scan"]
 MODEL_ID_DIGITS = 16
+WALKS = ("go1",)
+"""Robots for which a walking policy is shipped."""
 
 
 SCAN: Final = "scan"
@@ -39,6 +41,26 @@ def model_path(
     return resource(f"models/{name}.onnx")
 
 
+def walking_path(robot: str, given: str | Path | None = None) -> Path:
+    """ONNX file of a walking policy, or TOML file about one: the one that is given, else the shipped one.
+
+    Args:
+        robot: Name of the robot.
+        given: A file.
+
+    Raises:
+        ConfigError: none is shipped for this robot.
+    """
+    if given is not None:
+        return Path(given)
+    if robot not in WALKS:
+        raise ConfigError(
+            f"--planner walking needs --policy-model FILE: of walking policies that of "
+            f"{', '.join(WALKS)} is shipped, none of '{robot}'; saltus policy walk train makes one"
+        )
+    return resource(f"models/walk_{robot}.onnx")
+
+
 def model_id(data: bytes) -> str:
     """The name of a model with these bytes."""
     return hashlib.sha256(data).hexdigest()[:MODEL_ID_DIGITS]
@@ -49,6 +71,7 @@ def models_of(run: RunConfig) -> dict[str, str]:
 
     Raises:
         ModelError: a file cannot be read.
+        ConfigError: see `walking_path`.
     """
     walks = run.planner == "walking"
     paths = {}
@@ -57,8 +80,8 @@ def models_of(run: RunConfig) -> dict[str, str]:
         paths["heightmap"] = model_path(kind, run.heightmap_model, run.robot)
     if run.planner == "learned":
         paths["policy"] = model_path("policy", run.policy_model, run.robot)
-    if walks and run.policy_model is not None:
-        paths["walk"] = Path(run.policy_model)
+    if walks:
+        paths["walk"] = walking_path(run.robot, run.policy_model)
     try:
         return {kind: model_id(path.read_bytes()) for kind, path in paths.items()}
     except OSError as error:

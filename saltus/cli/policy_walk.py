@@ -12,7 +12,7 @@ from saltus.errors import ConfigError
 from saltus.flags import shown
 from saltus.grid import WALKING_GRID
 from saltus.robots.loading import load_robot
-from saltus.used_networks import model_id, model_path
+from saltus.used_networks import model_id, model_path, walking_path
 from saltus.workers import check_processes
 
 if TYPE_CHECKING:
@@ -36,11 +36,11 @@ class Trials(RobotOption, JsonOption):
     robot is.
 
     For example:
-      saltus policy walk trials --model runs/DATE-policy-walk/walk.onnx --trials 100 --json
+      saltus policy walk trials --trials 100 --json
       saltus policy walk trials --model walk.onnx --grounds stairs --drills --heights true
     """
 
-    model: Path
+    model: Annotated[Path | None, shown("PATH", "the shipped policy of the robot")] = None
     """The policy: an ONNX file, or a TOML file about somebody else's."""
     grounds: tuple[str, ...] = ALL
     """Grounds to cross; none by --grounds alone."""
@@ -76,7 +76,7 @@ class Trials(RobotOption, JsonOption):
         self._check()
         seeds = range(self.seed, self.seed + self.trials)
         trials = WalkTrials(
-            robot=self.robot, grid=WALKING_GRID, model=self.model.resolve(),
+            robot=self.robot, grid=WALKING_GRID, model=self._policy,
             camera=self.camera, profile=self.profile,
         )  # fmt: skip
         kinds: tuple[tuple[Kind, tuple[str, ...], Callable[..., dict[str, Any]]], ...] = (
@@ -118,10 +118,14 @@ class Trials(RobotOption, JsonOption):
         for name in self.drills:
             drill_ground(name, self.seed)
         _, robot = mounted_camera(self.camera, load_robot(self.robot))
-        policy = JointPolicy(self.model)
+        policy = JointPolicy(self._policy)
         policy.refuse_other(robot)
         load_grid(WALKING_GRID).places_of(policy.description.height_grid())
         ScanNetwork(model_path("scan", self.heightmap_model))
+
+    @property
+    def _policy(self) -> Path:
+        return walking_path(self.robot, self.model).resolve()
 
     def _sight(self, source: str) -> "SightFactory":
         from saltus.heightmap.data.scan_heights import ScanSightFactory
@@ -132,7 +136,7 @@ class Trials(RobotOption, JsonOption):
         return ScanSightFactory(model=model_path("scan", self.heightmap_model).resolve())
 
     def _told(self, table: "Table") -> dict[str, Any]:
-        paths = {"policy": self.model, "heightmap": model_path("scan", self.heightmap_model)}
+        paths = {"policy": self._policy, "heightmap": model_path("scan", self.heightmap_model)}
         return {
             "robot": self.robot, "camera": self.camera, "profile": self.profile,
             "trials": self.trials, "seed": self.seed,

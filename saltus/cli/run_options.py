@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from saltus.config import Pace, Renderer, RunConfig, RunHeights, RunPlanner, TerrainConfig
-from saltus.errors import ConfigError
 from saltus.flags import shown
 from saltus.grid import DEFAULT_GRID, WALKING_GRID, load_grid
 from saltus.robots.loading import load_robot
@@ -107,8 +106,8 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
     """
     planner: RunPlanner = "learned"
     """scripted: rules that read the heightmap. learned: a network. walking: a network that follows
-    commands (saltus drive), from --policy-model, on the 187 heights of the scan; told to jump, the
-    robot jumps by its shipped policy, or by rules where there is none."""
+    commands (saltus drive) on the 187 heights of the scan; told to jump, the robot jumps by its
+    shipped policy, or by rules where there is none."""
     heights: RunHeights = "predicted"
     """predicted: by the heightmap service's network, of the camera's images. true: the ground as
     the simulator has it, to compare with."""
@@ -165,14 +164,9 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
         """Refuses networks that cannot walk this robot or see for it."""
         from saltus.heightmap.scan.predictor import ScanNetwork
         from saltus.policy.joints.policy import JointPolicy
-        from saltus.used_networks import model_path
+        from saltus.used_networks import model_path, walking_path
 
-        if self.policy_model is None:
-            raise ConfigError(
-                "--planner walking needs --policy-model FILE: no walking policy is shipped; "
-                "saltus policy walk train makes one"
-            )
-        policy = JointPolicy(self.policy_model)
+        policy = JointPolicy(walking_path(self.robot, self.policy_model))
         policy.refuse_other(robot)
         load_grid(WALKING_GRID).places_of(policy.description.height_grid())
         ScanNetwork(model_path("scan", self.heightmap_model))

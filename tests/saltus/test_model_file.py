@@ -11,7 +11,12 @@ from saltus.errors import ModelError
 from saltus.model_file import ModelFile, checksum_path, put_model
 from saltus.resources import resource
 
-SHIPPED = ("models/heightmap.onnx", "models/policy.onnx")
+SHIPPED = (
+    "models/heightmap.onnx",
+    "models/policy.onnx",
+    "models/scan.onnx",
+    "models/walk_go1.onnx",
+)
 FLIPS = 40
 
 
