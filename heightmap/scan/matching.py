@@ -39,10 +39,12 @@ def drift(
     """
     xp = namespace(height)
     residual = new.mean - height
+    steepness = slopes[0] ** 2 + slopes[1] ** 2
     used = known & (new.count > 0.0) & (xp.abs(residual) < settings.gate_m)
+    used = used & (steepness <= settings.matched_slope**2)
     # A point may be off sideways, too: by so much it says less of the height the steeper the map
     # is.
-    steep = settings.sideways_m**2 * (slopes[0] ** 2 + slopes[1] ** 2)
+    steep = settings.sideways_m**2 * steepness
     total = variance + new.variance + steep + settings.least_m**2
     weight = xp.where(used, settings.independent / total, 0.0)
     batch, one = len(height), xp.ones_like(residual)

@@ -109,10 +109,15 @@ class ScanPredictor:
 
     `see` takes each image once; `heights` answers for any grid, at every state, also from another
     thread while an image is taken in: then it tells what was known before.
+
+    Args:
+        network: Tells heights and half-widths.
+        settings: Of the map; None: those with which the network was trained. Others of the same
+            window are those of a robot whose odometry is unlike that of the training.
     """
 
-    def __init__(self, network: ScanNetwork) -> None:
-        self._network = network
+    def __init__(self, network: ScanNetwork, settings: MapSettings | None = None) -> None:
+        self._network, self._settings = network, settings or network.settings
         self.reset()
 
     @property
@@ -123,7 +128,7 @@ class ScanPredictor:
     def reset(self) -> None:
         """Forgets everything: the robot was carried elsewhere, or its odometry jumped."""
         self._known: tuple[ElevationMap, Heights | None] = (
-            new_map(1, self._network.settings, np.zeros(1, np.float32)), None,
+            new_map(1, self._settings, np.zeros(1, np.float32)), None,
         )  # fmt: skip
 
     def see(self, measured: Measurement, now_s: float) -> bool:
@@ -132,7 +137,7 @@ class ScanPredictor:
         Returns:
             False where the network's answer was not plausible: the image is then forgotten.
         """
-        state, around = advanced(self._known[0], measured, self._network.settings)
+        state, around = advanced(self._known[0], measured, self._settings)
         now = np.full(1, now_s, np.float32)
         height, half_width = self._network(inputs_of(state, around, now, measured.body_height))
         # no comparison with NaN is true, so that this also asks for finite numbers
@@ -168,7 +173,7 @@ class ScanPredictor:
             raise ModelError("no image has come yet: heights are told from the first one on")
         base = pose.position + state.correction
         x, y = grid.points_in_world(base[0, :2].astype(np.float64), np.asarray(yaw))
-        place = places(np.stack([x, y], -1)[None], state.corner, self._network.settings)
+        place = places(np.stack([x, y], -1)[None], state.corner, self._settings)
         height, half_width = (np.asarray(sampled(values, place)[0], np.float64) for values in told)
         return Ground(height - base[0, 2], half_width, _last_seen(state.seen_s[0], place[0]))
 

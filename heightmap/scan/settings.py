@@ -51,6 +51,10 @@ class MapSettings(Value):
     """Standard deviation of where in its neighbourhood a cell was hit [m]: matching trusts heights
     on slopes less by it. The classical map is 19.9, 19.5, 19.3 and 19.3 mm off with 0, 6, 12 and
     18 mm, and 24.6, 24.2, 24.4 and 24.7 mm where odometry is bad."""
+    matched_slope: float = 5.0
+    """Matching leaves cells out where the map is steeper; slopes are measured up to 4.3, so this is
+    none. At cliffs `gate_m` keeps those cells whose height changed little, and the slope is that of
+    where they happened to be hit: an image moves the pose forward and down on stairs."""
     gate_m: float = 0.06
     """A new height that is farther than this from the map is an edge, not drift [m]."""
     foot_gain: float = 0.4
@@ -66,7 +70,7 @@ class MapSettings(Value):
             point_noise_m=(1e-4, 0.1),
             shared_noise=(0.0, 1.0), drift=(0.0, 1.0), surprise=(0.0, 1.0),
             least_m=(1e-4, 0.1), looks=(1, 16), step_m=(1e-5, 0.1), tilt_rad=(1e-6, 0.1),
-            independent=(1e-4, 1.0), sideways_m=(0.0, 0.1),
+            independent=(1e-4, 1.0), sideways_m=(0.0, 0.1), matched_slope=(0.0, 100.0),
             gate_m=(0.001, 1.0), foot_gain=(0.0, 1.0), foot_noise_m=(1e-4, 0.1),
             body_height_noise_m=(1e-3, 1.0),
         )  # fmt: skip

@@ -120,6 +120,33 @@ def test_a_steep_cell_says_less_the_less_it_is_known_where_it_was_hit():
     np.testing.assert_allclose(corrected(level, 0.0), corrected(level, 0.05), atol=1e-9)
 
 
+def before_stairs(seed, n=4000):
+    """Points of treads and risers of stairs, each image's others, as a robot at the origin sees
+    them."""
+    random = np.random.default_rng(seed)
+    treads = random.uniform(-0.6, 0.6, (n, 3))
+    treads[:, 2] = 0.2 * np.floor(treads[:, 0] / 0.3)
+    risers = random.uniform(-0.6, 0.6, (n // 4, 3))
+    edge = random.integers(-1, 2, n // 4)
+    risers[:, 0], risers[:, 2] = 0.3 * edge, 0.2 * (edge - random.uniform(0.0, 1.0, n // 4))
+    points = np.concatenate((treads, risers))[None]
+    return still((0.0, 0.0, 0.0))._replace(points=points, depth=np.full(points.shape[:2], 0.5))
+
+
+def test_matching_without_cliffs_leaves_a_robot_that_stands_before_stairs_where_it_is():
+    """With them, it moves by where edges happened to be hit."""
+
+    def moved(slope):
+        settings = replace(SETTINGS, matched_slope=slope)
+        runs = [[before_stairs(9 * run + image) for image in range(9)] for run in range(5)]
+        return max(
+            abs(mapped(shots, settings, like=np.zeros(1))[0].correction[0, 0]) for shots in runs
+        )
+
+    with_cliffs, without = moved(5.0), moved(1.0)
+    assert without < 0.002 < 0.004 < with_cliffs
+
+
 def test_standing_feet_take_drift_of_the_height_back():
     settings = replace(SETTINGS, matching=False)
     shots = [still((0.0, 0.0, 0.0))]
