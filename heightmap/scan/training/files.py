@@ -46,7 +46,7 @@ class Progress:
     """Share within the half-width."""
     inside_all: float
     clipped: float
-    """Share of updates whose gradient was made smaller."""
+    """Share of the weights' gradients that were more than twice their usual size."""
     returns: int
     """How often the training returned to weights of before so far."""
     rate: float

@@ -108,16 +108,16 @@ class ScanModel(nn.Module):
         """
         x = self._shown(Inputs(filled, measured, memory, numbers))
         skips = []
-        x = functional.relu(self.stem(x))
+        x = self._bounded(functional.relu(self.stem(x)))
         for down in self.down:
             skips.append(x)
-            x = functional.relu(down(x))
-        x = x + functional.relu(self.deep(x))
+            x = self._bounded(functional.relu(down(x)))
+        x = self._bounded(x + functional.relu(self.deep(x)))
         for block in self.blocks:
-            x = block(x)
+            x = self._bounded(block(x))
         for up, join, skip in zip(self.up, self.join, reversed(skips), strict=True):
             x = functional.interpolate(up(x), scale_factor=2.0, mode="nearest") + skip
-            x = x + functional.relu(join(x))
+            x = self._bounded(x + functional.relu(join(x)))
         out = functional.pixel_shuffle(self.head(x), self.sub).float()
         height, half_width = self._own(out[:, :_OUTPUTS], measured, memory)
         if not self.settings.choice:
@@ -132,6 +132,14 @@ class ScanModel(nn.Module):
         if truth is None:
             return height, half_width
         return height, half_width, (weights * (candidates - truth[:, None]).abs()).sum(1)
+
+    def _bounded(self, x: Tensor) -> Tensor:
+        """Features whose root mean square over a cell is within the bound, if there is one."""
+        most = self.settings.features
+        if not most:
+            return x
+        size = x.square().mean(1, keepdim=True)
+        return x * (most**2 / size.clamp(min=most**2)).sqrt()
 
     def _own(self, out: Tensor, measured: Tensor, memory: Tensor) -> tuple[Tensor, Tensor]:
         residual, gate, keep, width = out.unbind(1)

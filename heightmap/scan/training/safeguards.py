@@ -3,7 +3,9 @@ a network that went astray returns to one of before.
 
 In a network without norms, what grows in one layer grows in all that follow: one burst moves every
 weight by tens of learning rates, features grow by 10^20 within 50 updates, and no gradient brings
-them back (docs/history.md, "Trainings of the scan from nothing").
+them back (docs/history.md, "Trainings of the scan from nothing"). First and last layer have nearly
+all of the gradient's norm, and the burst moved the layers between them most. So each layer's
+gradient is clipped by what is usual of it, not all of them by one norm.
 """
 
 import math
@@ -15,9 +17,9 @@ from torch import Tensor
 from saltus.heightmap.scan.training.model import ScanModel
 
 BURST = 2.0
-"""No gradient counts for more than so many times the usual norm."""
+"""No layer's gradient counts for more than so many times its usual norm."""
 NORM_SHARE = 0.02
-"""Share of an update's norm in the usual one."""
+"""Share of an update's norms in the usual ones."""
 ASTRAY = (0.8, 0.97)
 """A training has gone astray if fewer or more of all heights are within their half-widths, for
 which the loss asks 0.9. The four whose figures were kept had 0.02, or 0.98 and more."""
@@ -44,8 +46,10 @@ class Safeguards:
         self, model: ScanModel, average: ScanModel, optimiser: torch.optim.Optimizer
     ) -> None:
         self._model, self._average, self._optimiser = model, average, optimiser
-        self.usual_norm = torch.zeros((), device=next(model.parameters()).device)
-        """Running mean of the gradient's norm; 0 before the first."""
+        weights = list(model.parameters())
+        self.usual_norm = torch.zeros(len(weights), device=weights[0].device)
+        """Running means of the norms of the weights' gradients; 0 before the first that is none.
+        Shape (weights,)."""
         self.returns = 0
         """How often the training went astray and returned."""
         self._kept: list[list[Tensor]] = []
@@ -57,23 +61,24 @@ class Safeguards:
 
     @torch.no_grad()
     def clip(self, largest: float) -> Tensor:
-        """Limits the gradient's norm to twice the usual one, and to `largest`;
-        drops one that is no number.
+        """Limits the norm of each weight's gradient to twice its usual one,
+        and the norm of all to `largest`; drops one that is no number.
 
         Returns:
-            1 where it was made smaller, else 0, shape (1,).
+            Share of the weights whose gradient was more than twice the usual one, shape (1,).
         """
         slopes = [w.grad for w in self._model.parameters() if w.grad is not None]
-        norm = torch.nn.utils.get_total_norm(slopes)
-        is_sound = torch.isfinite(norm)
-        usual = torch.where(self.usual_norm > 0.0, self.usual_norm, norm)
-        limit = (BURST * usual).clamp(max=largest)
-        scale = (limit / (norm + 1e-6)).clamp(max=1.0)
-        for slope in slopes:
-            slope.mul_(scale).masked_fill_(~is_sound, 0.0)
-        counted = torch.where(is_sound, torch.minimum(norm, BURST * usual), usual)
+        norms = torch.stack([torch.linalg.vector_norm(slope) for slope in slopes])
+        is_sound = torch.isfinite(norms)
+        usual = torch.where(self.usual_norm > 0.0, self.usual_norm, norms)
+        limited = torch.where(is_sound, torch.minimum(norms, BURST * usual), 0.0)
+        whole = (largest / (torch.linalg.vector_norm(limited) + 1e-6)).clamp(max=1.0)
+        scale = whole * limited / norms.clamp(min=1e-20)
+        for slope, factor, sound in zip(slopes, scale, is_sound, strict=True):
+            slope.mul_(factor).masked_fill_(~sound, 0.0)
+        counted = torch.where(is_sound, limited, usual)
         self.usual_norm.copy_(usual.lerp(counted, NORM_SHARE).nan_to_num(0.0, 0.0, 0.0))
-        return (scale < 1.0).float()[None]
+        return (~is_sound | (limited < norms)).float().mean()[None]
 
     def begin(self) -> None:
         """Remembers the weights to begin with; does nothing where some are remembered."""

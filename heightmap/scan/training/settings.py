@@ -124,6 +124,9 @@ class NetworkSettings(Value):
     deep: int = 4
     """Residual blocks at the coarsest level, which sees the whole window."""
     deep_channels: int = 128
+    features: float = 0.0
+    """Root mean square beyond which a cell's features are scaled back to it, at every level; 0: they
+    may grow without bound."""
     choice: bool = True
     """A cell's height is a choice among heights that the map offers, beside the network's own: a
     cell at an edge is top or bottom."""
@@ -133,7 +136,9 @@ class NetworkSettings(Value):
             raise ConfigError(
                 "frame: a network that is shown each image alone has no memory: memory = false"
             )
-        check_between(self, channels=(1, 1024), deep=(0, 64), deep_channels=(1, 4096))
+        check_between(
+            self, channels=(1, 1024), deep=(0, 64), deep_channels=(1, 4096), features=(0.0, 1e6)
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

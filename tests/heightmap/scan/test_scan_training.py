@@ -25,7 +25,7 @@ from saltus.heightmap.scan.training.export import export, read_weights
 from saltus.heightmap.scan.training.files import read_checkpoint
 from saltus.heightmap.scan.training.flights import draw_flight
 from saltus.heightmap.scan.training.model import ScanModel, loss, parameters
-from saltus.heightmap.scan.training.safeguards import SLOWER, STARTS_IN
+from saltus.heightmap.scan.training.safeguards import SLOWER, STARTS_IN, Safeguards
 from saltus.heightmap.scan.training.settings import (
     FlightSettings,
     NetworkSettings,
@@ -94,6 +94,44 @@ def test_a_burst_moves_weights_by_no_more_than_usual(small, monkeypatch, size):
         )
 
     assert moved(burst) < 2.0 * moved(steady)
+
+
+def test_a_burst_in_one_layer_is_clipped_by_what_is_usual_of_that_layer(small):
+    """Beside the head's gradient it would be small, and no limit of the whole would see it."""
+    guards = Safeguards((trainer := Trainer(small, CPU)).model, trainer.average, trainer.optimiser)
+    inner = trainer.model.deep.weight
+
+    def clipped(size):
+        for weight in trainer.model.parameters():
+            weight.grad = torch.full_like(weight, 1e-3)
+        trainer.model.head.weight.grad.fill_(1.0)
+        inner.grad.mul_(size)
+        share = guards.clip(1e3)
+        return share.item(), inner.grad.norm().item()
+
+    before, usual = clipped(1.0)
+    burst, limited = clipped(50.0)
+    assert before == 0.0 < burst
+    assert limited == pytest.approx(2.0 * usual, rel=1e-3)
+
+
+def test_features_stay_within_their_bound_however_large_weights_are(small):
+    settings = replace(small.network, features=4.0)
+    bounded, free = ScanModel(settings, small.map), ScanModel(small.network, small.map)
+    seen = []
+    for model in (bounded, free):
+        with torch.no_grad():
+            for weight in model.parameters():
+                weight.fill_(0.5)
+        model.head.register_forward_hook(lambda _, given, _out: seen.append(given[0]))
+        side = small.map.side
+        model(
+            torch.zeros(1, side, side), torch.ones(1, len(MEASURED), side, side),
+            torch.ones(1, len(MEMORY), side, side), torch.zeros(1, len(NUMBERS)),
+        )  # fmt: skip
+    size = [features.square().mean(1).sqrt().max().item() for features in seen]
+    assert size[0] == pytest.approx(4.0, rel=1e-3)
+    assert size[1] > 1e3
 
 
 def test_a_checkpoint_of_another_training_is_refused(small, tmp_path):
