@@ -3,10 +3,9 @@
 import sys
 from collections.abc import Callable
 
-from saltus.grid import LINE
 from saltus.loop.planner import compiled_observe
 from saltus.policy.mover import Jumper, Mover
-from saltus.policy.planner import jumping_planner, make_planner, warm_up
+from saltus.policy.planner import jumping_grid, jumping_planner, make_planner, warm_up
 from saltus.policy.process import PlannerProcess
 from saltus.robots.legs import LegKinematics
 from saltus.runtime.process import ProcessContext, run_process
@@ -149,15 +148,15 @@ def movers_of(context: ProcessContext) -> Callable[[], list[Mover]]:
     """Makes movers of a run's planner, all loaded and warm; the errors of its models."""
     config, robot, grid = context.config, context.setup.robot, context.setup.grid
     walks = config.planner == "walking"
-    line = LINE if walks else grid
-    if config.planner == "walking":
-        planner = jumping_planner(robot)
+    if walks:
+        jumps_on, planner = jumping_grid(robot), jumping_planner(robot)
     else:
+        jumps_on = grid
         planner = make_planner(config.planner, robot, grid, config.policy_model)
-    warm_up(planner, robot, line)
+    warm_up(planner, robot, jumps_on)
     # In lockstep nobody is late: the reference itself, to the bit
     compiled = None if config.pace == "lockstep" else compiled_observe(LegKinematics(robot))
-    places = grid.places_of(line)
+    places = grid.places_of(jumps_on)
     if not walks:
         return lambda: [Jumper(robot, planner, compiled, places)]
     from saltus.policy.joints.policy import JointPolicy

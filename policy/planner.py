@@ -6,7 +6,7 @@ import numpy as np
 
 from saltus.config import PlannerName
 from saltus.errors import ConfigError
-from saltus.grid import LINE, HeightGrid
+from saltus.grid import HeightGrid
 from saltus.loop.planner import Planner, observe
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
@@ -38,13 +38,20 @@ def make_planner(
     return ScriptedPlanner(robot, grid)
 
 
+def jumping_grid(robot: Robot) -> HeightGrid:
+    """Where the planner of a robot that walks and is told to jump is given heights."""
+    from saltus.policy.actor import grid_of  # here, so that rules need no ONNX Runtime
+
+    return grid_of(model_path("policy", robot=robot.name))
+
+
 def jumping_planner(robot: Robot) -> Planner:
-    """The planner of a robot that walks and is told to jump, given heights on the line.
+    """The planner of a robot that walks and is told to jump, given heights on `jumping_grid`.
 
     It is the policy that is shipped for the robot, or rules where there is none.
     """
     name: PlannerName = "learned" if robot.name in POLICIES else "scripted"
-    return make_planner(name, robot, LINE)
+    return make_planner(name, robot, jumping_grid(robot))
 
 
 def warm_up(planner: Planner, robot: Robot, grid: HeightGrid) -> None:

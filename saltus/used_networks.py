@@ -10,7 +10,7 @@ from saltus.resources import resource
 
 ModelKind = Literal["heightmap", "policy", "scan"]
 MODEL_ID_DIGITS = 16
-WALKS = ("go1",)
+WALKS = ("go1", "go2")
 """Robots for which a walking policy is shipped."""
 
 
@@ -55,8 +55,8 @@ def walking_path(robot: str, given: str | Path | None = None) -> Path:
         return Path(given)
     if robot not in WALKS:
         raise ConfigError(
-            f"--planner walking needs --policy-model FILE: of walking policies that of "
-            f"{', '.join(WALKS)} is shipped, none of '{robot}'; saltus policy walk train makes one"
+            f"--planner walking needs --policy-model FILE: walking policies "
+            f"are shipped for {' and '.join(WALKS)}, none for '{robot}'; saltus policy walk train makes one"
         )
     return resource(f"models/walk_{robot}.onnx")
 

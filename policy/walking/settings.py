@@ -220,7 +220,7 @@ class WalkTrainConfig:
     env: WalkConfig = field(default_factory=WalkConfig)
     learning: LearningConfig = field(
         default_factory=lambda: LearningConfig(
-            first_std=0.8, std_range=(0.05, 2.0), last_entropy=0.005
+            first_std=0.8, std_range=(0.05, 2.0), first_entropy=0.005
         )
     )
 

@@ -56,6 +56,6 @@ def test_it_walks_as_it_is_told_to_and_stands(robot: str, ahead: float, turn: fl
 
 
 def test_a_robot_without_one_needs_a_file() -> None:
-    with pytest.raises(ConfigError, match=r"none of 'go2'; saltus policy walk train makes one"):
-        walking_path("go2")
-    assert walking_path("go2", "mine.onnx").name == "mine.onnx"
+    with pytest.raises(ConfigError, match=r"none for 'spot'; saltus policy walk train makes one"):
+        walking_path("spot")
+    assert walking_path("spot", "mine.onnx").name == "mine.onnx"

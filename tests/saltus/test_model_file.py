@@ -14,8 +14,10 @@ from saltus.resources import resource
 SHIPPED = (
     "models/heightmap.onnx",
     "models/policy.onnx",
+    "models/policy_go2.onnx",
     "models/scan.onnx",
     "models/walk_go1.onnx",
+    "models/walk_go2.onnx",
 )
 FLIPS = 40
 
