@@ -356,7 +356,7 @@ def test_what_a_log_cannot_show_is_said_with_numbers() -> None:
     assert untestable["feedforward_delay"] == "the log has no tau_ff"
     assert "Nm" in untestable["torque_saturation"]
     assert "rad/s" in untestable["torque_speed_limit"]
-    assert set(problem_of().untestable) == {"end_stop"}
+    assert set(problem_of().untestable) == {"end_stop", "voltage_sag"}
 
 
 def test_absent_signals_and_rows_are_left_out() -> None:

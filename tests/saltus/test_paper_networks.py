@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from paper import networks
+from paper import training
 from paper.ablations import files_of, shown_in, trained_systems, trainings_of
 from paper.imitation import ImitationNetwork, PassOn
 from paper.networks import NetworkEffort, for_imitation, train_network, write_imitator
@@ -49,7 +49,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     teacher.mkdir(parents=True)
     shutil.copyfile(resource("models/policy.onnx"), teacher / "policy.onnx")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(networks, "ROUNDS", 2)
+        patch.setattr(training, "ROUNDS", 2)
         patch.setattr(calibration, "WINDOWS", 1)
         for name in NETWORKS:
             assert train_network(name, 4, folder, "c0ffee", TINY).exists()
@@ -142,10 +142,10 @@ def test_without_a_policy_or_data_it_says_what_makes_them(
     tmp_path: Path, trained: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(networks, "PUBLISHED_TRAININGS", trained)  # the published policy drives
+        patch.setattr(training, "PUBLISHED_TRAININGS", trained)  # the published policy drives
         with pytest.raises(SaltusError, match="saltus paper train predictor --seed 0 makes them"):
             train_network("imitation", 0, tmp_path, effort=TINY)
-    monkeypatch.setattr(networks, "PUBLISHED_TRAININGS", tmp_path)
+    monkeypatch.setattr(training, "PUBLISHED_TRAININGS", tmp_path)
     with pytest.raises(SaltusError, match="saltus paper train full-system --seed 0 makes one"):
         train_network("predictor", 0, tmp_path, effort=TINY)
     with pytest.raises(SaltusError, match="saltus paper train predictor --seed 5 makes them"):

@@ -45,6 +45,7 @@ REFINED = 201  # steps between two lines of the spectrum
 SAME_STEP = 0.01
 MOST_STEPS = 3
 MOST = 0.9995  # quantile that counts as the largest: noise has outliers
+NO_VOLTAGE = "it couples all joints by the battery, whose voltage no log holds"
 
 
 def untestable(log: RunLog, rows: Rows, reach: Sequence[Reach]) -> dict[str, str]:
@@ -74,6 +75,7 @@ def untestable(log: RunLog, rows: Rows, reach: Sequence[Reach]) -> dict[str, str
             "velocity_scale",
         ):
             why[effect] = f"max |dq| {speed:.3f} < {LEAST_SPEED:g} rad/s: nothing moves"
+    why["voltage_sag"] = NO_VOLTAGE
     if rows.time_s[-1] - rows.time_s[0] < LEAST_SAG_S:
         why["battery_sag"] = (
             f"the log lasts {rows.time_s[-1] - rows.time_s[0]:.1f} < {LEAST_SAG_S:g} s"

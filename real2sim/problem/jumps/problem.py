@@ -21,7 +21,7 @@ from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.candidates import Claims, trunk_candidates
 from saltus.real2sim.problem.joints.candidates import LOOP_RATE, JointCandidates, Reach, beside
 from saltus.real2sim.problem.joints.drives import Kinks, lost, saturation_loss
-from saltus.real2sim.problem.joints.excitation import LEAST_SAG_S, MOST
+from saltus.real2sim.problem.joints.excitation import LEAST_SAG_S, MOST, NO_VOLTAGE
 from saltus.real2sim.problem.joints.torque_curve import corners_of
 from saltus.real2sim.problem.jumps.stretch import BASE, Balance, stretch_of
 from saltus.real2sim.problem.log import (
@@ -51,6 +51,7 @@ NOT_SHOWN = {
     "velocity_scale": "drives and log read the same velocity: joint_tour shows it",
     "end_stop": "moments in which a joint is near its stop are left out: "
     "a held robot that leans on it shows it",
+    "voltage_sag": NO_VOLTAGE,
     "base_roll": "nothing holds the base: a held robot shows it",
     "foot_friction": "the ground's forces are inferred, not simulated: heave_and_pitch shows it",
     "contact_compliance": "the ground's forces are inferred, not simulated: drop shows it",
