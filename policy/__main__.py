@@ -148,7 +148,7 @@ def movers_of(context: ProcessContext) -> Callable[[], list[Mover]]:
     """Makes movers of a run's planner, all loaded and warm; the errors of its models."""
     config, robot, grid = context.config, context.setup.robot, context.setup.grid
     walks = config.planner == "walking"
-    if walks:
+    if config.planner == "walking":
         jumps_on, planner = jumping_grid(robot), jumping_planner(robot)
     else:
         jumps_on = grid
