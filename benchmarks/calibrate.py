@@ -1,4 +1,4 @@
-"""How exact `saltus render calibrate` is: cameras that sit otherwise than claimed,
+"""Exactness of `saltus render calibrate`: cameras that sit otherwise than claimed,
 on robots that stand.
 
 Each recording is of a real run in lockstep; pitch is drawn within 5 degrees, height within 3 cm,

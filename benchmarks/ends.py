@@ -381,7 +381,7 @@ def in_order(path: Path) -> list[tuple[str, int, bytes]]:
 
 
 def chunk_ends(path: Path) -> list[tuple[int, int]]:
-    """Where each chunk of a whole file ends [bytes],
+    """Ends of the chunks of a whole file [bytes],
     and how many messages the file has up to there.
     """
     with path.open("rb") as file:

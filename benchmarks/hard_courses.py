@@ -1,4 +1,4 @@
-"""How policies do on hard courses and on robots unlike the one they were trained on:
+"""Success of policies on hard courses and on robots unlike the one they were trained on:
 one table, several models.
 
 The paper's courses; stairs of 0.20 m with late commands, on slippery ground, with soft feet, with

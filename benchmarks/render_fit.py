@@ -1,4 +1,4 @@
-"""How well the fit of the stereo camera finds hidden parameters,
+"""Exactness with which the fit of the stereo camera finds hidden parameters,
 on rendered recordings of a step and a wall.
 
 Each camera has its own baseline, sub-pixel noise and disparity step, and looks from its own pose

@@ -95,7 +95,7 @@ def sigma_rows() -> list[dict[str, Any]]:
 
 
 def place_rows() -> list[dict[str, Any]]:
-    """Where pixels are invalid: the left band, the nearest depth,
+    """Pixels that are invalid: the left band, the nearest depth,
     the dead columns of the largest mode.
     """
     rows: list[dict[str, Any]] = []

@@ -1,4 +1,4 @@
-"""How long one image and one state take the service of any grid on one core,
+"""Time that one image and one state take the service of any grid on one core,
 beside its network alone.
 
 OMP_NUM_THREADS=1 saltus bench scan_step

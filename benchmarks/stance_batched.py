@@ -1,4 +1,4 @@
-"""How far the batched stance solver of training is from the exact one,
+"""Difference of the batched stance solver of training from the exact one,
 on what bounding robots ask for.
 
 Robots bound over all terrains with random exploration around a slow bound. Force error (largest

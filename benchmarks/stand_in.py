@@ -1,4 +1,4 @@
-"""Which effects of the stand-in for the real robot are hard:
+"""Difficulty of the effects of the stand-in for the real robot:
 each alone in the shipped profile, and all of them.
 
 On 14 stairs of 0.20 m, as the ablations of `saltus paper`; by default the shipped policy, else

@@ -1,4 +1,4 @@
-"""How a training of the motion policy went: the last row of the table that it writes,
+"""Course of a training of the motion policy: the last row of the table that it writes,
 and a picture of all.
 
 A panel for each kind of terrain: the share of episodes that came to the end of the course,

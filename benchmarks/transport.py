@@ -323,7 +323,7 @@ def served(config: RunConfig, prefixes: list[str]) -> Iterator[tuple[str, int]]:
 
 
 def allowed_latency_us() -> int | None:
-    """How long processors of this machine may take to wake [us]:
+    """Time that processors of this machine may take to wake [us]:
     the kernel's PM QoS; None where nobody may tell.
     """
     try:

@@ -75,7 +75,7 @@ class SwingLegs:
         return liftoff + (middle - liftoff) * first + step * second
 
     def capture_point(self, body: YawFrameBody, height: float) -> Legs:
-        """Where feet must stand to bring the body to rest at a height [m]:
+        """Places where feet must stand to bring the body to rest at a height [m]:
         hip + velocity sqrt(height / g).
 
         The capture point of the linear inverted pendulum, within the landing limits; yaw frame,

@@ -121,7 +121,7 @@ def pooled(
 
 
 def shares(count: int, middle: float, source_count: int, focal: float, centre: float) -> np.ndarray:
-    """How much of each pixel every source pixel covers along one axis,
+    """Share of each pixel that every source pixel covers along one axis,
     shape (count, source_count).
     """
     edges = centre + (np.arange(count + 1) - middle) * focal / FOCAL

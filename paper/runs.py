@@ -114,7 +114,7 @@ class Ran:
         return np.asarray(np.cumsum(~self.trace.stance.all(axis=-1)) > 0)
 
     def landings(self, pair: str) -> list[Landing]:
-        """Where a pair of feet came to bear first in each of its stances,
+        """Place where a pair of feet came to bear first in each of its stances,
         but for the one that it starts in.
         """
         legs = PAIRS[pair]
@@ -143,7 +143,7 @@ class Ran:
 
     @property
     def edges_passed(self) -> int:
-        """How many edges of the course the trunk's centre came across:
+        """Number of edges of the course that the trunk's centre came across:
         steps of a staircase before a failure.
         """
         return int((self.terrain.edges_x <= self.trace.base[:, 0].max()).sum())

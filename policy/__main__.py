@@ -147,7 +147,6 @@ def body(context: ProcessContext) -> None:
 def movers_of(context: ProcessContext) -> Callable[[], list[Mover]]:
     """Makes movers of a run's planner, all loaded and warm; the errors of its models."""
     config, robot, grid = context.config, context.setup.robot, context.setup.grid
-    walks = config.planner == "walking"
     if config.planner == "walking":
         jumps_on, planner = jumping_grid(robot), jumping_planner(robot)
     else:
@@ -157,7 +156,7 @@ def movers_of(context: ProcessContext) -> Callable[[], list[Mover]]:
     # In lockstep nobody is late: the reference itself, to the bit
     compiled = None if config.pace == "lockstep" else compiled_observe(LegKinematics(robot))
     places = grid.places_of(jumps_on)
-    if not walks:
+    if config.planner != "walking":
         return lambda: [Jumper(robot, planner, compiled, places)]
     from saltus.policy.joints.policy import JointPolicy
     from saltus.policy.joints.walker import Walker

@@ -1,4 +1,4 @@
-"""How far the learned policy may go: its ten outputs,
+"""Bounds of the learned policy: its ten outputs,
 from [-1, 1] to the values of a plan and back.
 """
 

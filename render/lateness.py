@@ -1,4 +1,4 @@
-"""How much later than its time says an image shows the ground, from the motion of a robot over level ground.
+"""Lateness of images beyond what their times say, from the motion of a robot over level ground.
 
 A trunk that pitches turns the ground in the camera's images. Where their times are right, points of
 level ground lie level with the attitude of that time; where an image is older than its time says,
@@ -99,14 +99,17 @@ def _between(times_s: Floats, ups: Floats, at_s: Floats) -> Floats:
 
 
 def _off_level(points: Floats, ups: Floats) -> Floats:
-    """Mean distance of points from the level of their median [m], for each upward direction, shape (len(ups),)."""
+    """Mean distance of points from the level of their median [m], for each upward direction.
+
+    Shape (len(ups),).
+    """
     heights = ups @ points.T
     off = np.abs(heights - np.median(heights, axis=1, keepdims=True))
     return np.minimum(off, FAR_M).mean(axis=1)
 
 
 def _least(tried: Floats, costs: Floats) -> float:
-    """Where the sum of costs, shape (n, len(tried)), is least, between two tried values by a parabola."""
+    """The value whose sum of costs, shape (n, len(tried)), is least; between two by a parabola."""
     cost = costs.sum(axis=0)
     place = int(np.clip(np.argmin(cost), 1, len(cost) - 2))
     before, here, after = cost[place - 1 : place + 2]

@@ -42,7 +42,7 @@ def model_path(
 
 
 def walking_path(robot: str, given: str | Path | None = None) -> Path:
-    """ONNX file of a walking policy, or TOML file about one: the one that is given, else the shipped one.
+    """ONNX or TOML file of a walking policy: the one that is given, else the shipped one.
 
     Args:
         robot: Name of the robot.
@@ -56,7 +56,8 @@ def walking_path(robot: str, given: str | Path | None = None) -> Path:
     if robot not in WALKS:
         raise ConfigError(
             f"--planner walking needs --policy-model FILE: walking policies "
-            f"are shipped for {' and '.join(WALKS)}, none for '{robot}'; saltus policy walk train makes one"
+            f"are shipped for {' and '.join(WALKS)}, none for '{robot}'; "
+            "saltus policy walk train makes one"
         )
     return resource(f"models/walk_{robot}.onnx")
 

@@ -92,7 +92,7 @@ def _row(kind: str, ran: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def run_with(kind: str, seed: int) -> dict[str, Any]:
-    """A run in which a fault begins at a random moment: when the robot was damped after it [s] or None, the reason.
+    """A run with a fault from a random moment on: when it was damped after it [s] or None, and why.
 
     `upright` tells how it lay or stood in the end, `sent_beside_others` how many commands it was
     sent while another program commanded it.

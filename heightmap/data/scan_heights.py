@@ -113,7 +113,7 @@ class ScanHeights:
         return self._now_s - np.array([answer.depth_age_s for answer in self._answers])
 
 
-class ScanSight:
+class ScanHeightSource:
     """The heights of one robot by its camera and the scan's service, as the process sends them."""
 
     def __init__(self, network: ScanNetwork, setup: Setup) -> None:
@@ -132,15 +132,15 @@ class ScanSight:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScanSightFactory:
-    """Makes `ScanSight` for a setup; can be sent to another process."""
+class ScanHeightSourceFactory:
+    """Makes `ScanHeightSource` for a setup; can be sent to another process."""
 
     model: Path
     """ONNX file of the scan's network."""
 
-    def __call__(self, setup: Setup) -> ScanSight:
+    def __call__(self, setup: Setup) -> ScanHeightSource:
         """Loads the network; `ModelError` where it cannot."""
-        return ScanSight(ScanNetwork(self.model), setup)
+        return ScanHeightSource(ScanNetwork(self.model), setup)
 
 
 def _ns(seconds: float) -> int:

@@ -194,7 +194,7 @@ def _points_of(frame: DepthFrame, pose: OdometryPose, mount: Mount) -> _Points:
 
 
 def _walls(ahead: Floats, z: Floats, seen: NDArray[np.bool_], focal: float) -> NDArray[np.bool_]:
-    """Which pixels lie on a wall: between their neighbours above and below,
+    """Pixels that lie on a wall: between their neighbours above and below,
     height changes more than distance does.
     """
     k = max(1, round(WALL_SPAN * focal))

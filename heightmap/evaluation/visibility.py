@@ -67,7 +67,7 @@ def visibility(
 def seen_by_rays(
     terrain: Terrain, mount: Mount, ground: Floats, position: Floats, quaternion: Floats
 ) -> NDArray[np.bool_]:
-    """Which ground on the robot's heading is in the field of view,
+    """Ground on the robot's heading that is in the field of view,
     within range, and behind nothing.
 
     Args:

@@ -1,4 +1,4 @@
-"""Where a robot's odometry has it, over the last second:
+"""Places where a robot's odometry has it, over the last second:
 velocities added up, or the positions that somebody tells.
 """
 

@@ -1,4 +1,4 @@
-"""How good a model file is on episodes that it was not fitted to:
+"""Quality of a model file on episodes that it was not fitted to:
 errors by region and terrain, and its warm-up.
 """
 

@@ -1,4 +1,4 @@
-"""How difficult a robot's next course is: a level that rises with the way it came,
+"""Difficulty of a robot's next course: a level that rises with the way it came,
 and falls again.
 """
 

@@ -65,7 +65,7 @@ class EnvConfig:
     file."""
 
     def contact_dimensions(self, profile: Profile) -> int:
-        """How many directions contacts need for the effects
+        """Number of directions that contacts need for the effects
         of `profile` and for what is drawn beyond them.
         """
         return max(

@@ -57,7 +57,7 @@ class Trace:
 
     @property
     def landings(self) -> Floats:
-        """Where feet came to bear in a stance:
+        """Places where feet came to bear in a stance:
         x and z of their centres [m], shape (landings, 2).
         """
         bears = self.loaded & self.stance

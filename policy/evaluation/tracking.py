@@ -14,7 +14,7 @@ def tracking_errors(
     """Mean absolute errors of velocities, averaged at each step over the last `stride` ones.
 
     Args:
-        error: Velocity less its command, ahead and aside [m/s] and turn [rad/s], shape (steps, n, 3).
+        error: Velocity less its command, ahead, aside [m/s], turn [rad/s], shape (steps, n, 3).
         fresh: Where a robot began, or got another command, with that step, shape (steps, n).
         stride: Steps over which velocities are averaged: about a stride, within which trunks sway.
         settling: Steps after a start or another command that are left out.

@@ -22,7 +22,7 @@ from saltus.named_setup import named_setups
 from saltus.policy.evaluation.evaluate import success_interval
 from saltus.policy.evaluation.tracking import tracking_errors
 from saltus.policy.evaluation.walking_grounds import FINISH_X, WIDTH_M, drill_ground, ground
-from saltus.policy.evaluation.walks import Operator, SightFactory, WalkStep, walk
+from saltus.policy.evaluation.walks import HeightSourceFactory, Operator, WalkStep, walk
 from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.joints.walker import Walker
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
@@ -77,7 +77,7 @@ class Crossing:
     speed_mps: float
     """As commanded."""
     cause: Cause
-    """Why it did not; empty where it did."""
+    """Reason why it did not; empty where it did."""
     distance_m: float
     time_s: float
     """From `BEGINS_S` to the end."""
@@ -98,7 +98,7 @@ class Drill:
     turn_s: float
     """Time for 180 degrees on the spot, at 1.0 rad/s commanded."""
     turn_drift_m: float
-    """How far the robot moved meanwhile."""
+    """Way that the robot went meanwhile."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +108,7 @@ class Task:
     kind: Kind
     ground: str
     seeds: tuple[int, ...]
-    sight: SightFactory
+    source: HeightSourceFactory
 
     def run(self, trials: WalkTrials) -> "list[Crossing | Drill]":
         """Runs them one after the other."""
@@ -119,10 +119,10 @@ class Task:
             setup = trials.setup(make(self.ground, seed), seed)
             tick = tick or CompiledTick(setup.robot)
             places = setup.grid.places_of(policy.description.height_grid())
-            movers, sight = [Walker(setup.robot, policy, places)], self.sight(setup)
+            movers, source = [Walker(setup.robot, policy, places)], self.source(setup)
 
             def run(operator: Operator, here: Setup = setup) -> Iterator[WalkStep]:
-                return walk(here, movers, sight, operator, tick)  # noqa: B023 - used at once
+                return walk(here, movers, source, operator, tick)  # noqa: B023 - used at once
 
             results.append((cross if self.kind == "cross" else drill)(run, seed))
             tell(1.0)
@@ -133,12 +133,12 @@ Run = Callable[[Operator], Iterator[WalkStep]]
 
 
 def tasks(
-    kind: Kind, names: Sequence[str], sight: SightFactory, seeds: Sequence[int]
+    kind: Kind, names: Sequence[str], source: HeightSourceFactory, seeds: Sequence[int]
 ) -> list[Task]:
     """Trials of some grounds, split up for several processes."""
     parts = [tuple(seeds[i : i + SEEDS_AT_A_TIME]) for i in range(0, len(seeds), SEEDS_AT_A_TIME)]
     return [
-        Task(kind=kind, ground=name, seeds=part, sight=sight) for name in names for part in parts
+        Task(kind=kind, ground=name, seeds=part, source=source) for name in names for part in parts
     ]
 
 

@@ -19,9 +19,9 @@ from saltus.wire.messages import AnyPlan, ControllerMode, Heightmap, RobotState
 TICK_NS = round(1e9 * PHYSICS_DT)
 STEP_NS = TICK_NS * POLICY_STEPS
 
-Sight = Callable[[RobotState, PlantState], Heightmap]
+HeightSource = Callable[[RobotState, PlantState], Heightmap]
 """Tells the heights of a state of one robot, which is asked for once a policy step."""
-SightFactory = Callable[[Setup], Sight]
+HeightSourceFactory = Callable[[Setup], HeightSource]
 """Makes it; can be sent to another process."""
 Operator = Callable[[float, PlantState], Wish]
 """Commands a robot that it sees: by the time of the run [s] and the robot's true state."""
@@ -41,8 +41,8 @@ class WalkStep:
     """The trunk touched the ground during the step."""
 
 
-class TrueSight:
-    """Heights as they are; see `Sight`."""
+class TrueHeightSource:
+    """Heights as they are; see `HeightSource`."""
 
     def __init__(self, setup: Setup) -> None:
         self._setup = setup
@@ -56,14 +56,14 @@ class TrueSight:
 
 
 def walk(
-    setup: Setup, movers: Sequence[Mover], sight: Sight, operator: Operator, tick: Tick
+    setup: Setup, movers: Sequence[Mover], source: HeightSource, operator: Operator, tick: Tick
 ) -> Iterator[WalkStep]:
     """Runs a robot step by step, for as long as it is asked to.
 
     Args:
-        setup: Of the robot; its grid is that of `sight` and of the movers.
+        setup: Of the robot; its grid is that of `source` and of the movers.
         movers: Of the planner, the first begins.
-        sight: Tells the heights.
+        source: Tells the heights.
         operator: Commands at each step.
         tick: Laws of the controller; may be used for several robots of this kind.
     """
@@ -75,7 +75,7 @@ def walk(
         loop.sense(robot.read())
         truth, state = robot.state, loop.state(start_ns, step)
         wish = operator(1e-9 * start_ns, truth)
-        plan = process.step(state, sight(state, truth), start_ns, wish.at(state))
+        plan = process.step(state, source(state, truth), start_ns, wish.at(state))
         _act(robot, loop, plan, start_ns)
         yield WalkStep(
             time_s=1e-9 * start_ns, truth=truth, wish=wish, mode=state.mode,

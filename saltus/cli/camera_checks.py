@@ -1,4 +1,4 @@
-"""Checks of a robot's camera, by a recording in which the robot stands and then moves on level ground."""
+"""Checks of a robot's camera, by a recording in which it stands and then moves on level ground."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""`saltus policy walk trials`: a walking policy as it is deployed, on true heights and on predicted ones."""
+"""`saltus policy walk trials`: a walking policy as deployed, on true and predicted heights."""
 
 import sys
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from saltus.policy.evaluation.walking_trials import Kind
-    from saltus.policy.evaluation.walks import SightFactory
+    from saltus.policy.evaluation.walks import HeightSourceFactory
 
     Table = dict[tuple[str, Kind, str], dict[str, Any]]
 
@@ -29,7 +29,7 @@ ALL = ("plain", "rubble", "stairs", "irregular", "stones", "ramps", "hurdles")
 
 @dataclass(frozen=True, kw_only=True)
 class Trials(RobotOption, JsonOption):
-    """Trials of a walking policy with the deployed planner, controller and heightmap service, without the bus.
+    """Trials of a walking policy with the deployed planner, controller and heightmaps, without bus.
 
     A crossing is 10 m of a ground at 0.5 to 1.0 m/s, drawn by the seed. A drill is six drawn commands
     of 4 s, a stop from 1.0 m/s, and a turn by 180 degrees on the spot. The operator sees where the
@@ -88,7 +88,7 @@ class Trials(RobotOption, JsonOption):
             for source in self.heights
             for kind, grounds, _ in kinds
             for name in grounds
-            for task in tasks(kind, [name], self._sight(source), seeds)
+            for task in tasks(kind, [name], self._height_source(source), seeds)
         ]
         total = self.trials * len(self.heights) * (len(self.grounds) + len(self.drills))
         with tqdm(total=total, desc="trials", bar_format=BAR, file=sys.stderr) as bar:
@@ -127,13 +127,13 @@ class Trials(RobotOption, JsonOption):
     def _policy(self) -> Path:
         return walking_path(self.robot, self.model).resolve()
 
-    def _sight(self, source: str) -> "SightFactory":
-        from saltus.heightmap.data.scan_heights import ScanSightFactory
-        from saltus.policy.evaluation.walks import TrueSight
+    def _height_source(self, source: str) -> "HeightSourceFactory":
+        from saltus.heightmap.data.scan_heights import ScanHeightSourceFactory
+        from saltus.policy.evaluation.walks import TrueHeightSource
 
         if source == "true":
-            return TrueSight
-        return ScanSightFactory(model=model_path("scan", self.heightmap_model).resolve())
+            return TrueHeightSource
+        return ScanHeightSourceFactory(model=model_path("scan", self.heightmap_model).resolve())
 
     def _told(self, table: "Table") -> dict[str, Any]:
         paths = {"policy": self._policy, "heightmap": model_path("scan", self.heightmap_model)}

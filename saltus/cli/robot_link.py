@@ -153,7 +153,7 @@ def ticking(clock: "RunClock") -> "Callable[[], float]":
 
 
 def release_agreed(name: str, *, begin: bool = False) -> "Callable[[str], None]":
-    """A function that says in which mode a robot moves itself, and returns when a person lets it be released."""
+    """A function that says in which mode a robot moves itself, and waits for its release."""
 
     def agreed(mode: str) -> None:
         print(
@@ -253,7 +253,7 @@ class Run(PaceOptions, LinkOptions):
     """How long it stands or bounds, after it has risen and stood for a second [s]; experiments have
     a length of their own."""
     begin: Flag = False
-    """Begin at once, and release the robot's own motion service. Without it you are asked to press Enter."""
+    """Begin at once, and release the robot's own motion service; else press Enter."""
 
     def run(self) -> int:
         """Runs it and says how it ended; 1 where the robot was lost or tipped over."""

@@ -1,4 +1,4 @@
-"""The walking policy that is shipped: found by its robot's name, and it goes where it is told to."""
+"""Shipped walking policies are found by their robots' names, and go where they are told to."""
 
 from collections.abc import Iterator
 from itertools import takewhile
@@ -12,7 +12,7 @@ from saltus.errors import ConfigError
 from saltus.grid import WALKING_GRID
 from saltus.policy.evaluation.walking_grounds import ground
 from saltus.policy.evaluation.walking_trials import BEGINS_S, WalkTrials
-from saltus.policy.evaluation.walks import TrueSight, WalkStep, walk
+from saltus.policy.evaluation.walks import TrueHeightSource, WalkStep, walk
 from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.joints.walker import Walker
 from saltus.trial import is_upright
@@ -31,7 +31,7 @@ def steps_of(robot: str, wish: Wish) -> Iterator[WalkStep]:
     run = walk(
         setup,
         [Walker(setup.robot, policy, places)],
-        TrueSight(setup),
+        TrueHeightSource(setup),
         lambda time_s, _: wish if time_s < STOPS_S else STAND,
         CompiledTick(setup.robot),
     )

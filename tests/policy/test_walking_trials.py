@@ -26,7 +26,7 @@ from saltus.policy.evaluation.walking_grounds import (
     drill_ground,
     ground,
 )
-from saltus.policy.evaluation.walks import Operator, TrueSight, WalkStep, walk
+from saltus.policy.evaluation.walks import Operator, TrueHeightSource, WalkStep, walk
 from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.joints.walker import Walker
 from saltus.rotations import quaternion_from_roll_pitch_yaw
@@ -80,7 +80,7 @@ class Kinematic:
         )
         walker = Walker(setup.robot, JointPolicy(model))
         steps = walk(
-            setup, [walker], TrueSight(setup), lambda *_: Wish(), CompiledTick(setup.robot)
+            setup, [walker], TrueHeightSource(setup), lambda *_: Wish(), CompiledTick(setup.robot)
         )
         self._truth, self._error = next(steps).truth, np.array(error)
 
@@ -156,7 +156,9 @@ def test_a_robot_as_it_is_deployed_gets_up_and_holds_its_pose(tmp_path: Path) ->
     told = Wish(mode=CommandMode.WALK)
     steps = list(
         islice(
-            walk(setup, [walker], TrueSight(setup), lambda *_: told, CompiledTick(setup.robot)),
+            walk(
+                setup, [walker], TrueHeightSource(setup), lambda *_: told, CompiledTick(setup.robot)
+            ),
             200,
         )
     )

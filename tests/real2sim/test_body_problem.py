@@ -94,7 +94,7 @@ def test_a_simulator_with_what_drives_have_leaves_noise(effect: Effect) -> None:
 def test_soft_or_slippery_ground_is_not_taken_for_another_way_to_compute_contacts(
     true: Solver, ground: tuple[float, float, float]
 ) -> None:
-    """A wrong way explains as little on any ground, the right one less where the ground is a tenth off."""
+    """A wrong way explains as little on any ground, the right one less on one a tenth off."""
 
     def squares(solver: Solver, others: np.ndarray) -> np.ndarray:
         off = np.log((others + 0.01) / (np.array(ground) + 0.01))

@@ -1,3 +1,3 @@
-"""How the network of the scan came about: ground, motion,
+"""Origin of the network of the scan: ground, motion,
 cameras and odometry in plain torch, without physics.
 """

@@ -1,4 +1,4 @@
-"""How far heights are off after a second of motion,
+"""Errors of heights after a second of motion,
 on the scan and on the line, apart by what was seen of them.
 """
 

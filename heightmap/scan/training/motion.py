@@ -175,7 +175,7 @@ def _feet(
     gait: Tensor,
     body_height: Tensor, support: Tensor, settings: FlightSettings,
 ) -> tuple[Tensor, Tensor]:  # fmt: skip
-    """Where feet stand [m] and which do: each stays
+    """Places where feet stand [m], and which do: each stays
     where the hip is in the middle of its stance.
     """
     n, steps = phase.shape
