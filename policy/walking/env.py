@@ -33,7 +33,7 @@ from saltus.policy.joints.observation import (
 from saltus.policy.walking import commands
 from saltus.policy.walking.commands import draw_command, followed, in_command_frame
 from saltus.policy.walking.description import POLICY_HZ, SIZE, description_of
-from saltus.policy.walking.ground import Ground
+from saltus.policy.walking.ground import Ground, in_trench
 from saltus.policy.walking.memory import WalkMemory, blank_memory
 from saltus.policy.walking.rewards import AIR_TIME_S, RewardInputs, reward_terms, total
 from saltus.policy.walking.scan_errors import ScanErrors
@@ -177,6 +177,7 @@ class WalkEnv(TrainingEnv):
         relative = (jacobian @ qvel[:, 6:].reshape(-1, 4, 3, 1))[..., 0]
         relative = relative + torch.linalg.cross(qvel[:, None, 3:6].expand_as(foot), foot)
         foot_velocity = qvel[:, None, :3] + relative @ rotation.mT
+        place = position[:, None] + foot @ rotation.mT
         velocity = in_command_frame(qvel[:, :3], rotation)
         terms = reward_terms(
             config.reward,
@@ -194,6 +195,7 @@ class WalkEnv(TrainingEnv):
                 foot_touching=touching[:, :4],
                 foot_speed_squared=(foot_velocity[..., :2] ** 2).sum(-1),
                 leg_touching=touching[:, 4:12],
+                foot_missed=touching[:, :4] & in_trench(self._boxes(), place),
                 failed=failed,
             ),
         )

@@ -10,6 +10,32 @@ from torch import Tensor
 from saltus.policy.walking.settings import GroundConfig
 from saltus.terrain.boxes import Boxes
 
+MISSED_M = 0.1
+"""A foot whose centre is so much lower than edges on two sides of it missed its ground.
+
+BeamDojo's bound, there of points of the sole (arXiv 2502.10363).
+"""
+REACH_M = 0.2
+"""Distance from the foot at which edges are looked for: gaps to step over are not wider."""
+
+
+def in_trench(boxes: Boxes, foot: Tensor) -> Tensor:
+    """Feet that are low between edges along x, or between edges along y, of the world.
+
+    Args:
+        boxes: The ground of each robot, arrays of shape (n, boxes, ...).
+        foot: Their centres [m], shape (n, 4, 3).
+
+    Returns:
+        Bool, shape (n, 4).
+    """
+    x, y = foot[..., 0], foot[..., 1]
+    around_x = torch.cat([x + REACH_M, x - REACH_M, x, x], -1)
+    around_y = torch.cat([y, y, y + REACH_M, y - REACH_M], -1)
+    ahead, behind, left, right = boxes.height_at(around_x, around_y).chunk(4, -1)
+    edge = torch.maximum(torch.minimum(ahead, behind), torch.minimum(left, right))
+    return foot[..., 2] < edge - MISSED_M
+
 
 class Ground:
     """All courses on one device."""

@@ -44,6 +44,8 @@ class RewardInputs:
     """Horizontal [m^2/s^2], shape (n, 4)."""
     leg_touching: Array
     """Thigh or calf touches the ground, bool, shape (n, 8)."""
+    foot_missed: Array
+    """The foot stands in a trench that it should have stepped over, bool, shape (n, 4)."""
     failed: Array
     """The episode ended with a fall, bool, shape (n,)."""
 
@@ -77,6 +79,7 @@ def reward_terms(config: RewardConfig, given: RewardInputs) -> Array:
         "air_time": moves * xp.sum(given.landed_after_s - AIR_TIME_S, axis=-1),
         "slip": xp.sum(slipping, axis=-1),
         "collision": xp.sum(xp.where(given.leg_touching, 1.0 + 0.0 * zero[:, None], 0.0), axis=-1),
+        "missed": xp.sum(xp.where(given.foot_missed, 1.0 + 0.0 * zero[:, None], 0.0), axis=-1),
         "hip": squared(hips),
         "still": (1.0 - moves) * xp.sum(xp.abs(given.joint_offset), axis=-1),
         "end": xp.where(given.failed, 1.0 + zero, zero),

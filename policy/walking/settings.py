@@ -106,6 +106,8 @@ class RewardConfig:
     air_time: float = 1.0
     slip: float = -0.1
     collision: float = -1.0
+    missed: float = -1.0
+    """A foot that stands in a gap between stones, for each, as BeamDojo's; weighs like a knee."""
     hip: float = -0.1
     """Abduction away from the pose: feet stay below the hips."""
     still: float = -0.5

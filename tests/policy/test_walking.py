@@ -21,7 +21,7 @@ from saltus.policy.walking.description import LAYOUT, SIZE, description_of, walk
 from saltus.policy.walking.env import PRIVILEGED, WalkEnv
 from saltus.policy.walking.evaluation import SETTLING, STRIDE, evaluate
 from saltus.policy.walking.export import DeployedWalk
-from saltus.policy.walking.ground import Ground
+from saltus.policy.walking.ground import MISSED_M, REACH_M, Ground, in_trench
 from saltus.policy.walking.rewards import TERMS, RewardInputs, reward_terms
 from saltus.policy.walking.scan_errors import ScanErrors
 from saltus.policy.walking.settings import (
@@ -36,6 +36,7 @@ from saltus.policy.walking.train import make_engine, train
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
+from saltus.terrain.boxes import Boxes
 
 N = 12
 GROUND = GroundConfig(shares={"plain": 0.5, "stairs": 0.5}, levels=2)
@@ -131,6 +132,7 @@ def inputs(n=40, seed=2):
     shapes |= dict.fromkeys(joints, 12) | {"landed_after_s": 4, "foot_speed_squared": 4}
     values = {name: rng.normal(size=(n, size)) for name, size in shapes.items()}
     flags = {"foot_touching": (n, 4), "leg_touching": (n, 8), "failed": (n,)}
+    flags["foot_missed"] = (n, 4)
     values |= {name: rng.uniform(size=shape) < 0.5 for name, shape in flags.items()}
     values["command"][: n // 4] *= 0.01
     return RewardInputs(**values)
@@ -148,7 +150,7 @@ def in_a_mirror(given):
         "gravity": mirrored(given.gravity, [1, -1, 1]),
         "leg_touching": given.leg_touching[:, legs],
     }
-    feet = ("landed_after_s", "foot_speed_squared", "foot_touching")
+    feet = ("landed_after_s", "foot_speed_squared", "foot_touching", "foot_missed")
     changed |= {name: getattr(given, name)[:, OTHER_SIDE] for name in feet}
     return replace(given, **changed)
 
@@ -337,6 +339,25 @@ def test_the_nearest_boxes_are_the_ground_below_a_robot_and_nearly_all_that_the_
     below = torch.as_tensor((np.abs(SCAN.points) < [0.41, 0.31]).all(axis=1))
     assert not wrong[:, below].any()
     assert wrong.float().mean() < 0.003
+
+
+def test_a_foot_missed_where_it_is_low_between_two_edges_and_not_on_a_step_down():
+    rng, n = np.random.default_rng(7), 300
+    width, depth = rng.uniform(0.05, REACH_M, n), rng.uniform(0.0, 0.5, n)
+    across = rng.uniform(-0.49, 0.49, n) * width
+    for beyond in (0.0, -1.0):  # a trench, and a step down
+        boxes = Boxes(
+            center=torch.tensor([[
+                [-0.5 - 0.5 * w, 0.0, -1.0], [0.5 + 0.5 * w, 0.0, beyond * d - 1.0],
+                [0.0, 0.0, -d - 1.0]] for w, d in zip(width, depth, strict=True)]),
+            half_size=torch.tensor([[0.5, 3.0, 1.0], [0.5, 3.0, 1.0], [3.0, 3.0, 1.0]]).expand(
+                n, 3, 3),
+        )  # fmt: skip
+        along_y = torch.as_tensor(rng.uniform(-1.0, 1.0, n))
+        foot = torch.stack([torch.as_tensor(across), along_y, torch.as_tensor(-depth)], -1)
+        found = in_trench(boxes, foot[:, None].expand(n, 4, 3)).numpy()
+        expected = (depth > MISSED_M) & (beyond == 0.0)
+        assert (found == expected[:, None]).all()
 
 
 def test_errors_of_heights_have_the_stated_spread_last_and_vanish_on_flat_ground():
