@@ -13,7 +13,6 @@ from saltus.real2sim.problem.camera.rays import claimed_mount
 from saltus.recordings.rig_claims import CameraClaim
 from saltus.recordings.run_log import DepthTable
 from saltus.render.camera import RobotCamera
-from saltus.render.embree import EmbreeRenderer
 from saltus.robots.mount import Mount
 from saltus.robots.robot import Robot
 from saltus.sim.state import PlantState
@@ -103,6 +102,9 @@ def film(
         states: Of the robot then.
         rng: Of the noise and of what effects draw.
     """
+    # Open3D is slow to load, and motions without a camera need none
+    from saltus.render.embree import EmbreeRenderer
+
     claimed = RobotCamera(robot=robot, intrinsics=camera.intrinsics, mount=camera.mount)
     renderer = EmbreeRenderer(terrain, claimed.moved(profile.view_chain), threads=1)
     poses = ("position_base_in_world", "quaternion_base_in_world", "joint_position")

@@ -27,6 +27,19 @@ def test_a_camera_loads_open3d_without_its_plots() -> None:
     assert said(f"import saltus.render.__main__, saltus.render.embree\n{LOADED}") == "['open3d']"
 
 
+def test_motions_without_a_camera_need_no_open3d() -> None:
+    barred = "import sys; sys.modules['open3d'] = None"  # as where it is not installed
+    made = """
+from saltus.effects.profile import IDEAL
+from saltus.real2sim.experiments.menu import experiment_named
+from saltus.real2sim.experiments.run import run
+from saltus.robots.loading import load_robot
+from saltus.robots.shipped import DEFAULT_ROBOT
+print(len(run(experiment_named("joint_chirp"), load_robot(DEFAULT_ROBOT), IDEAL).joints.q))
+"""
+    assert int(said(barred + made)) > 1000
+
+
 def test_plots_are_left_alone_where_open3d_was_loaded_before() -> None:
     assert (
         said(f"import open3d, saltus.render.embree\nopen3d.visualization.draw_plotly\n{LOADED}")[
