@@ -65,6 +65,7 @@ class JumpEnv(TrainingEnv):
         super().__init__(engine, device, seed, len(ACTIONS))
         self.config = config
         self._stand_pose = Constant(self.robot.stand_pose)
+        self._speed_limit = Constant(self.robot.speed_limit)
         profile = load_profile(config.profile, self.robot)
         self._law = LegController(
             self.robot,
@@ -227,6 +228,7 @@ class JumpEnv(TrainingEnv):
             yaw_error=yaw - memory.heading,
             base_height=position[:, 2] - ground[:, 4],
             tracking_cost=memory.tracking_cost,
+            joint_speed=qvel[:, 6:].abs() / self._speed_limit.like(qvel),
         )
 
     @torch.no_grad()

@@ -52,7 +52,7 @@ class Memory:
     goal_z: Tensor
     goal_length: Tensor
     touched: Tensor  # (16,), bool: in the last 10 ms, as `saltus.sim.engine.TOUCHING`
-    terms: Tensor  # (12,): reward of the last 10 ms
+    terms: Tensor  # (len(TERMS),): reward of the last 10 ms
     # what was drawn for it
     kind: Tensor  # int64
     level: Tensor

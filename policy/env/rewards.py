@@ -29,6 +29,9 @@ class RewardConfig:
     yaw: float = 0.016
     base_height: float = 0.01
     tracking_cost: float = 1e-4
+    joint_speed: float = 0.0
+    """No term of the original, and none here by default: the Go1's policies were trained without.
+    """
 
     def __post_init__(self) -> None:
         check_between(self, **dict.fromkeys((f.name for f in fields(self)), (-1e6, 1e6)))
@@ -72,6 +75,8 @@ class RewardInputs:
     tracking_cost: Array
     """How far the leg controller's stance forces stay from what the plan asks for: its cost, shape
     (n,)."""
+    joint_speed: Array
+    """Speeds of the joints, as shares of what they are rated for, shape (n, 12)."""
 
 
 _CLEARANCE = 0.02  # a foot that is higher above the ground earns no more [m]; original
@@ -79,16 +84,20 @@ _SLOWEST_FREE = 1.5  # stepping faster than this costs [Hz]; original
 _HIGHEST_EARNING = 0.6  # base height that earns no more [m]; original
 # Squared distances are cut off here: a robot that left its goal behind is not punished without end
 _FARTHEST = 4.0
+# Shares of the rated speed. The first is a choice: what costs nothing up to a limit goes a little
+# beyond it. Above the second, a third more than rated, load and not the policy turns a joint.
+_FREE_SPEED, _FASTEST = 0.9, 1.3
 
 
 def reward_terms(config: RewardConfig, given: RewardInputs) -> Array:
-    """All terms, weighted, in the order of `TERMS`. Shape (n, 12)."""
+    """All terms, weighted, in the order of `TERMS`, shape (n, len(TERMS))."""
     xp = namespace(given.stepping_frequency)
     frequency = given.stepping_frequency
     one = xp.ones_like(frequency)
     legs = xp.ones_like(given.foot_clearance)
     stance = xp.where(given.contact, legs, 0.0 * legs)
     touching = xp.where(given.foot_touching | given.leg_touching, legs, 0.0 * legs)
+    fast = xp.clip(given.joint_speed, _FREE_SPEED, _FASTEST)
     values = {
         "alive": one,
         "contact_consistency": 1.0 - xp.mean(xp.abs(touching - stance), axis=-1),
@@ -104,5 +113,6 @@ def reward_terms(config: RewardConfig, given: RewardInputs) -> Array:
         "yaw": -given.yaw_error * given.yaw_error,
         "base_height": xp.clip(given.base_height, None, _HIGHEST_EARNING),
         "tracking_cost": -given.tracking_cost,
+        "joint_speed": -xp.sum(((fast - _FREE_SPEED) / (1.0 - _FREE_SPEED)) ** 2, axis=-1),
     }
     return xp.stack([getattr(config, name) * values[name] * frequency for name in TERMS], -1)

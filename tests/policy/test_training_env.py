@@ -16,11 +16,12 @@ from saltus.policy.env.curriculum import CurriculumConfig, difficulty, kinds_of_
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.episode import TALLY
 from saltus.policy.env.randomisation import RandomisationConfig
-from saltus.policy.env.rewards import TERMS
+from saltus.policy.env.rewards import TERMS, RewardConfig, reward_terms
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.env.views import PRIVILEGED
 from saltus.policy.features import features, layout, size_with
 from saltus.sim.cpu_engine import CpuEngine
+from saltus.rotations import rotation_matrix
 from saltus.states import standing_state
 from saltus.terrain.batch import BOXES
 from saltus.terrain.law import KINDS
@@ -52,6 +53,24 @@ def test_observations_and_rewards_are_finite_and_of_their_sizes(driven):
         for array in (transition.actor, transition.critic, transition.reward):
             assert torch.isfinite(array).all()
     assert env.memory.terms.shape == (N, len(TERMS))
+
+
+def test_joints_that_near_their_rated_speed_cost_ever_more_and_others_nothing():
+    env = make_env(config=EnvConfig(reward=RewardConfig(joint_speed=1.0)))
+    shares = torch.linspace(0.0, 1.4, 29)
+    costs = []
+    for share in shares.tolist():
+        env.step(bound(env))  # whatever else holds
+        env._qvel[:, 6:] = 0.0
+        env._qvel[:, 11] = -share * float(ROBOT.speed_limit[5])
+        given = env._reward_inputs(
+            rotation_matrix(env._qpos[:, 3:7].float()), torch.zeros(N, 16, dtype=torch.bool)
+        )
+        costs.append(-reward_terms(env.config.reward, given)[:, TERMS.index("joint_speed")])
+    costs = torch.stack(costs)
+    assert not costs[shares < 0.9].any()
+    assert (costs[(shares > 0.91) & (shares < 1.3)].diff(dim=0) > 0.0).all()
+    assert torch.allclose(costs[shares > 1.31], costs[shares > 1.31][:1])
 
 
 def test_what_a_step_returned_does_not_change_later(driven):
