@@ -25,7 +25,7 @@ from saltus.arrays import (
 )
 from saltus.constants import PHYSICS_DT
 from saltus.controller.compensation import Compensation
-from saltus.controller.feedback import FeedbackConfig, VelocityFeedback
+from saltus.controller.feedback import FeedbackConfig, SpeedBrake, VelocityFeedback
 from saltus.controller.gait import Gait, GaitConfig, GaitSignal, GaitState
 from saltus.controller.resting_poses import RestingPoses
 from saltus.controller.signals import Reference, YawFrameBody, observe
@@ -129,6 +129,7 @@ class LegController:
         self._solver = solver or ExactSolver(robot, self.config.stance)
         self._compensation = compensation
         self._feedback = VelocityFeedback(robot, self.config.feedback)
+        self._brake = SpeedBrake(robot)
         self._velocity_step = Constant(self.config.velocity_step)
         self._angular_step = Constant([np.inf, np.inf, self.config.yaw_rate_step])
         self._yaw_axis = Constant([0.0, 0.0, 1.0])
@@ -309,6 +310,7 @@ class LegController:
             velocity_reference=velocity,
             angular_velocity_reference=angular_velocity,
         )
+        command = self._brake(command, sensed.joint_velocity)
         return command, replace(state, liftoff=liftoff), diagnostics
 
     def _velocities(self, reference: Reference, body: YawFrameBody) -> tuple[Vectors, Vectors]:

@@ -49,6 +49,9 @@ class Gains:
     """Gain of the velocity feedback of legs that stand."""
     damp_kd: float
     """Damping of a robot that is not upright."""
+    brake_kd: float = 0.0
+    """Damping of joints that run or jump at their rated speed; from 0.8 of it on it grows from
+    nothing."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

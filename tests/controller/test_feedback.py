@@ -1,8 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 from samples import KINEMATICS, ROBOT
 
-from saltus.controller.feedback import FeedbackConfig, VelocityFeedback
+from saltus.controller.feedback import FeedbackConfig, SpeedBrake, VelocityFeedback
 from saltus.controller.signals import observe
+from saltus.joint_command import JointCommand
 
 FEEDBACK = VelocityFeedback(ROBOT, FeedbackConfig())
 
@@ -31,3 +34,27 @@ def test_straight_legs_do_not_blow_up(draw):
     body = observe(type(sensed)(**{**vars(sensed), "joint_position": straight}), KINEMATICS)
     joint = FEEDBACK.joint_velocity(body, np.array([3.0, 0.0, 3.0]), np.array([0.0, 6.0, 0.0]))
     assert (np.abs(joint) <= ROBOT.speed_limit).all()
+
+
+def test_a_brake_pulls_back_what_nears_its_rated_speed_and_touches_nothing_else():
+    rng, count = np.random.default_rng(3), 2000
+    kd, rated, free = 8.0, ROBOT.speed_limit, SpeedBrake.FREE * ROBOT.speed_limit
+    brake = SpeedBrake(replace(ROBOT, gains=replace(ROBOT.gains, brake_kd=kd)))
+    speed = rng.uniform(-1.5, 1.5, (count, 12)) * rated
+    command = JointCommand(
+        position=rng.normal(size=(count, 12)), torque=rng.normal(size=(count, 12)),
+        velocity=rng.uniform(-1.0, 1.0, (count, 12)) * rated,
+        kp=rng.uniform(0.0, 30.0, (count, 12)), kd=rng.choice([0.0, 1.2], (count, 12)),
+    )  # fmt: skip
+    braked = brake(command, speed)
+    for name in ("position", "torque", "kp"):
+        np.testing.assert_array_equal(getattr(braked, name), getattr(command, name))
+    added = braked.kd * (braked.velocity - speed) - command.kd * (command.velocity - speed)
+    assert np.abs(added[np.abs(speed) < free]).max() < 1e-9
+    beyond = np.abs(speed) > free
+    assert (added * speed < 0.0)[beyond].all()
+    over = np.abs(speed) > rated
+    expected = -kd * np.sign(speed) * (np.abs(speed) - free)
+    np.testing.assert_allclose(added[over], expected[over])
+    assert (np.abs(added) <= np.abs(expected) + 1e-9)[beyond].all()
+    assert SpeedBrake(ROBOT)(command, speed) is command

@@ -109,6 +109,13 @@ def test_what_is_known_of_drives_is_taken_out(draw):
     assert_acts_alike(tick, compiled, np.random.default_rng(7), 100, draw, mode, mode)
 
 
+def test_fast_joints_are_braked_alike(draw):
+    braked = replace(ROBOT, gains=replace(ROBOT.gains, brake_kd=8.0), speed_limit=np.full(12, 3.0))
+    tick, compiled = Tick(braked), CompiledTick(braked)
+    mode = ControllerMode.RUN
+    assert_acts_alike(tick, compiled, np.random.default_rng(10), 100, draw, mode, mode)
+
+
 @pytest.mark.parametrize("mode", [*ControllerMode])
 def test_a_change_of_mode_is_that_of_the_reference(mode, draw, compiled):
     for before in ControllerMode:

@@ -20,8 +20,8 @@ from saltus.policy.env.rewards import TERMS, RewardConfig, reward_terms
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.env.views import PRIVILEGED
 from saltus.policy.features import features, layout, size_with
-from saltus.sim.cpu_engine import CpuEngine
 from saltus.rotations import rotation_matrix
+from saltus.sim.cpu_engine import CpuEngine
 from saltus.states import standing_state
 from saltus.terrain.batch import BOXES
 from saltus.terrain.law import KINDS
