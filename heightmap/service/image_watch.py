@@ -98,17 +98,18 @@ class ImageWatch:
         return math.inf if self.view is None else (time_ns - self.view.time_ns) * 1e-9
 
     def status(self, state_ns: int, now_ns: int, *, warm: bool) -> HeightmapStatus:
-        """The worst of what is known about the images, at a robot state of a time."""
+        """The worst of what is known about the images, at a robot state of a time.
+
+        An image that is not used is as one that did not come, and DEGRADED at once.
+        """
         extra, newest, view = self._depth.max_extra_age_s, self.newest, self.view
-        if newest is None:
+        if newest is None or view is None:
             waiting_s = (now_ns - (self._started_ns or 0)) * 1e-9
             return (
                 HeightmapStatus.INVALID
                 if waiting_s > self._depth.invalid_age_s
                 else HeightmapStatus.WARMING
             )
-        if view is None or view is not newest:
-            return HeightmapStatus.INVALID
         age_s = (max(now_ns, state_ns) - view.time_ns) * 1e-9
         silent_s = (now_ns - view.arrival_ns) * 1e-9
         if age_s > self._depth.invalid_age_s or silent_s > extra - LOSS_MARGIN_S:
@@ -117,7 +118,8 @@ class ImageWatch:
             return HeightmapStatus.WARMING
         late = age_s > self._depth.degraded_age_s or silent_s > 0.5 * extra
         patchy = (
-            view.invalid_fraction > DEGRADED_INVALID_PIXELS
+            view is not newest
+            or view.invalid_fraction > DEGRADED_INVALID_PIXELS
             or self._loss.count(now_ns) > _DEGRADED_LOST
         )
         return HeightmapStatus.DEGRADED if late or patchy else HeightmapStatus.OK
