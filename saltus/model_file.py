@@ -23,7 +23,7 @@ CHECKSUM_SUFFIX = ".sha256"
 """Checksum suffix of the file beside a model that says what it must be, as `sha256sum` writes
 it."""
 MAX_BYTES = 64 << 20
-"""Six times what is shipped at most: a larger file is another file."""
+"""25 times the largest that is shipped: a larger file is another file."""
 _FLOAT32 = "tensor(float)"  # as ONNX Runtime writes it
 _ELSEWHERE = re.compile(rb"\x6a.{1,2}\x0a\x08location\x12(.)", re.DOTALL)
 """Bytes before the name of the file in which the values of a tensor lie (`TensorProto` of

@@ -15,7 +15,7 @@ from onnx import numpy_helper
 from torch import Tensor, nn
 
 from saltus.errors import ModelError
-from saltus.model_file import put_model
+from saltus.model_file import ModelFile, put_model
 
 OPSET = 17
 
@@ -28,14 +28,14 @@ def write_onnx(
     inputs: Sequence[str],
     outputs: Sequence[str],
     metadata: Mapping[str, object],
-    half_prefix: str | None = None,
+    half_prefixes: tuple[str, ...] = (),
 ) -> None:
     """Writes a module as ONNX, whole or not at all, and its checksum.
 
     Arguments and results of its `forward`, named by `inputs` and `outputs`, have a leading
     dimension of robots. Metadata say what the file is; values become JSON. Weights whose names
-    begin with `half_prefix` are kept in half precision, which halves them; they are computed with
-    in single precision.
+    begin with one of `half_prefixes` are kept in half precision, which halves them; they are
+    computed with in single precision. `round_to_half` makes the module's equal to them.
 
     Raises:
         ModelError: the file cannot be written.
@@ -58,8 +58,7 @@ def write_onnx(
                 dynamo=False,
             )
         file = onnx.load(temporary)
-        if half_prefix is not None:
-            _halve(file.graph, half_prefix)
+        _halve(file.graph, half_prefixes)
         onnx.helper.set_model_props(
             file, {name: json.dumps(value) for name, value in metadata.items()}
         )
@@ -73,11 +72,31 @@ def write_onnx(
         temporary.unlink(missing_ok=True)
 
 
-def _halve(graph: onnx.GraphProto, prefix: str) -> None:
+def round_to_half(*modules: nn.Module) -> None:
+    """Rounds weights to half precision, in place:
+    who judges the module afterwards judges the file.
+    """
+    with torch.no_grad():
+        for module in modules:
+            for weight in module.parameters():
+                weight.copy_(weight.half())
+
+
+def weights_of(file: ModelFile) -> dict[str, Tensor]:
+    """Tensors of a model file by name, in single precision,
+    so that a training can go on from what is shipped.
+    """
+    return {
+        tensor.name: torch.from_numpy(numpy_helper.to_array(tensor).astype(np.float32))
+        for tensor in onnx.load_model_from_string(file.data).graph.initializer
+    }
+
+
+def _halve(graph: onnx.GraphProto, prefixes: tuple[str, ...]) -> None:
     """Puts weights in half precision in place of single, each with a cast back, in place."""
     wide = {}
     for tensor in graph.initializer:
-        if tensor.name.startswith(prefix):
+        if tensor.name.startswith(prefixes):
             half = numpy_helper.to_array(tensor).astype(np.float16)
             wide[tensor.name] = f"{tensor.name}.single"
             tensor.CopyFrom(numpy_helper.from_array(half, tensor.name))

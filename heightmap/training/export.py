@@ -22,7 +22,7 @@ from saltus.heightmap.service.network import (
 )
 from saltus.heightmap.service.quantiles import INTERVAL90
 from saltus.heightmap.service.sight import TickInputs
-from saltus.onnx_export import write_onnx
+from saltus.onnx_export import round_to_half, write_onnx
 from saltus.provenance import commit
 from saltus.robots.loading import load_robot
 from saltus.wire.topics import CAMERA_LATENCY_S
@@ -63,7 +63,11 @@ class _Step(nn.Module):
 def export(model: HeightmapModel, path: Path, origin: Origin) -> None:
     """Writes the network as ONNX with everything that is needed to use it,
     whole or not at all, and its checksum.
+
+    Weights of its layers are kept in half precision; the model's are rounded to it, in place.
+    Normalisation and the correction of intervals stay in single.
     """
+    round_to_half(model.encoder, model.gru, model.head)
     write_onnx(
         _Step(model.cpu().eval()),
         _example(model),
@@ -71,6 +75,7 @@ def export(model: HeightmapModel, path: Path, origin: Origin) -> None:
         inputs=INPUTS,
         outputs=OUTPUTS,
         metadata=metadata(model, origin),
+        half_prefixes=("model.encoder.", "model.gru.", "model.head."),
     )
 
 

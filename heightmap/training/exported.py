@@ -4,13 +4,12 @@ so that training can go on from what is shipped.
 
 from pathlib import Path
 
-import onnx
 import torch
-from onnx import numpy_helper
 
 from saltus.errors import ModelError
 from saltus.heightmap.training.checkpoint_table import CheckpointTable
 from saltus.model_file import ModelFile
+from saltus.onnx_export import weights_of
 
 _PREFIX = "model."  # of the network within what `saltus.heightmap.training.export` writes
 
@@ -29,11 +28,9 @@ def read_exported(path: Path) -> CheckpointTable:
         ModelError: the file is missing, damaged, or no heightmap network.
     """
     told = ModelFile(path)
-    tensors = onnx.load_model(path).graph.initializer
-    arrays = {tensor.name: numpy_helper.to_array(tensor) for tensor in tensors}
     weights = {
-        name.removeprefix(_PREFIX): torch.from_numpy(array.copy())
-        for name, array in arrays.items()
+        name.removeprefix(_PREFIX): tensor
+        for name, tensor in weights_of(told).items()
         if name.startswith(_PREFIX)
     }
     try:

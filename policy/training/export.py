@@ -5,7 +5,6 @@ and from that to what drives on a device.
 from pathlib import Path
 
 import numpy as np
-import onnx
 import torch
 from rsl_rl.models import MLPModel
 from tensordict import TensorDict
@@ -14,7 +13,7 @@ from torch import Tensor, nn
 from saltus.errors import ModelError
 from saltus.grid import HeightGrid, grid_metadata, load_grid
 from saltus.model_file import ModelFile
-from saltus.onnx_export import write_onnx
+from saltus.onnx_export import weights_of, write_onnx
 from saltus.policy.actor import FORMAT, PolicyActor
 from saltus.policy.bounds import ACTIONS, ActionBounds
 from saltus.policy.env.settings import TrainConfig
@@ -90,11 +89,7 @@ def read_policy(path: Path) -> dict[str, object]:
         raise ModelError(f"{path} is no motion policy")
     state = {"config": str(file.field("config"))}
     actor = _actor(config_of(state))
-    graph = onnx.load_model_from_string(file.data).graph
-    values = {
-        each.name: torch.from_numpy(onnx.numpy_helper.to_array(each).copy())
-        for each in graph.initializer
-    }
+    values = weights_of(file)
     named = {
         name.removeprefix(_NETWORK): value
         for name, value in values.items()

@@ -68,7 +68,7 @@ def export(checkpoint: Path, path: Path) -> None:
         inputs=("observation",),
         outputs=("action",),
         metadata=metadata(policy.config, state),
-        half_prefix="network.",
+        half_prefixes=("network.",),
     )
 
 

@@ -28,7 +28,8 @@ MANGLED = re.compile(r"_[A-Z]\w*__\w+")
 """Python's name of a private attribute of a class, e.g. in `setattr`."""
 OFFERED = {"os._exit", "torch._dynamo", "torch._inductor"}
 """Documented by Python, and by PyTorch for compilers of one's own and for limits of compilation."""
-NAMED_TUPLES = {"_replace", "_asdict", "_fields"}
+MAY_BE_USED = {"_replace", "_asdict", "_fields"} | {name.rpartition(".")[2] for name in OFFERED}
+"""The first three are offered by named tuples."""
 ATTRIBUTES = {"getattr", "setattr", "hasattr", "delattr"}
 
 
@@ -55,12 +56,9 @@ def private_names(tree: ast.AST, own: set[str]) -> Iterator[tuple[int, str]]:
                     yield node.lineno, name
     for node in ast.walk(tree):
         if isinstance(node, ast.Attribute) and PRIVATE.fullmatch(node.attr):
-            name = ast.unparse(node)
-            is_of_library = root(node) in libraries and not offered(name)
-            if is_of_library or node.attr not in own | NAMED_TUPLES | {
-                name.rpartition(".")[2] for name in OFFERED
-            }:
-                yield node.lineno, name
+            is_of_library = root(node) in libraries and not offered(ast.unparse(node))
+            if is_of_library or not (node.attr in own or node.attr in MAY_BE_USED):
+                yield node.lineno, ast.unparse(node)
         elif (
             isinstance(node, ast.Constant)
             and isinstance(node.value, str)

@@ -15,12 +15,13 @@ from saltus.errors import SaltusError, nearest_hint
 from saltus.gpu import has_gpu
 from saltus.heightmap.scan.training.card import card
 from saltus.heightmap.scan.training.evaluation import evaluate, rows_of, table_of, write_results
-from saltus.heightmap.scan.training.export import export, read_weights
+from saltus.heightmap.scan.training.export import export
 from saltus.heightmap.scan.training.files import Progress, trained_images
 from saltus.heightmap.scan.training.model import parameters
 from saltus.heightmap.scan.training.settings import FlightSettings, ScanTrainSettings
 from saltus.heightmap.scan.training.train import train
 from saltus.model_file import ModelFile
+from saltus.onnx_export import weights_of
 from saltus.provenance import commit
 
 
@@ -98,7 +99,7 @@ def _run(given: argparse.Namespace) -> int:
     model = train(
         settings, given.out, minutes=given.minutes, updates=given.updates, device=device,
         compiled=given.compile,
-        progress=show, start=read_weights(given.start) if given.start else None,
+        progress=show, start=weights_of(ModelFile(given.start)) if given.start else None,
     )  # fmt: skip
     export(model.cpu(), settings, given.out / "scan.onnx")
     if given.robots:

@@ -2,18 +2,13 @@
 
 from pathlib import Path
 
-import numpy as np
-import onnx
 import torch
-from onnx import numpy_helper
-from torch import Tensor
 
 from saltus.heightmap.scan.planes import MEASURED, MEMORY, NUMBERS
 from saltus.heightmap.scan.predictor import FORMAT, INPUTS, OUTPUTS
 from saltus.heightmap.scan.training.model import ScanModel, parameters
 from saltus.heightmap.scan.training.settings import ScanTrainSettings
-from saltus.model_file import ModelFile
-from saltus.onnx_export import write_onnx
+from saltus.onnx_export import round_to_half, write_onnx
 
 
 def export(model: ScanModel, settings: ScanTrainSettings, path: Path) -> None:
@@ -23,9 +18,7 @@ def export(model: ScanModel, settings: ScanTrainSettings, path: Path) -> None:
     Weights of the coarsest blocks, most of all, are kept in half precision; the model's are rounded
     to it, in place, so that who judges it afterwards judges the file.
     """
-    with torch.no_grad():
-        for weight in model.blocks.parameters():
-            weight.copy_(weight.half())
+    round_to_half(model.blocks)
     side = settings.map.side
     example = (
         torch.zeros(1, side, side), torch.zeros(1, len(MEASURED), side, side),
@@ -37,19 +30,5 @@ def export(model: ScanModel, settings: ScanTrainSettings, path: Path) -> None:
         metadata={
             "format": FORMAT, "map": settings.map.to_toml(), "measured": MEASURED, "memory": MEMORY,
             "numbers": NUMBERS, "seed": settings.seed, "parameters": parameters(model),
-        }, half_prefix="blocks.",
+        }, half_prefixes=("blocks.",),
     )  # fmt: skip
-
-
-def read_weights(path: Path) -> dict[str, Tensor]:
-    """Weights of an exported network by name, so that a training can go on from what is shipped.
-
-    Raises:
-        ModelError: the file is missing or damaged.
-    """
-    ModelFile(path)  # compares its checksum
-    tensors = onnx.load_model(path).graph.initializer
-    return {
-        tensor.name: torch.from_numpy(numpy_helper.to_array(tensor).astype(np.float32))
-        for tensor in tensors
-    }

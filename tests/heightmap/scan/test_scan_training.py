@@ -21,7 +21,7 @@ from saltus.heightmap.scan.training.evaluation import (
     write_results,
 )
 from saltus.heightmap.scan.training.examples import Calls, example
-from saltus.heightmap.scan.training.export import export, read_weights
+from saltus.heightmap.scan.training.export import export
 from saltus.heightmap.scan.training.files import read_checkpoint
 from saltus.heightmap.scan.training.flights import draw_flight
 from saltus.heightmap.scan.training.model import ScanModel, loss, parameters
@@ -32,6 +32,8 @@ from saltus.heightmap.scan.training.settings import (
     ScanTrainSettings,
 )
 from saltus.heightmap.scan.training.train import Trainer, train
+from saltus.model_file import ModelFile
+from saltus.onnx_export import weights_of
 
 CPU = torch.device("cpu")
 
@@ -148,7 +150,7 @@ def test_a_training_begins_with_an_exported_network(small, tmp_path):
     torch.manual_seed(9)
     model = ScanModel(small.network, small.map)
     export(model, small, tmp_path / "scan.onnx")
-    weights = read_weights(tmp_path / "scan.onnx")
+    weights = weights_of(ModelFile(tmp_path / "scan.onnx"))
     begun = train(small, tmp_path / "run", updates=0, device=CPU, start=weights)
     for one, other in zip(model.parameters(), begun.parameters(), strict=True):
         torch.testing.assert_close(one, other, rtol=0.0, atol=0.0)
