@@ -15,7 +15,6 @@ from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.signals import DepthImage
 from saltus.heightmap.data.robot_cameras import robot_cameras, sampled
 from saltus.heightmap.scan.predictor import ScanNetwork
-from saltus.heightmap.scan.shadows import deepened
 from saltus.heightmap.service.scan import ScanService
 from saltus.heightmap.service.scan_fleet import ScanChoice
 from saltus.render.stereo.camera import StereoConfig
@@ -33,7 +32,14 @@ class ScanHeights:
 
     The same images as those of `saltus.heightmap.data.predicted.PredictedHeights`, at the same
     steps, before they are pooled; see there. Odometry is the leg controller's estimate of the
-    velocity, added up. What images do not show is told as `saltus.heightmap.scan.shadows` has it.
+    velocity, added up.
+
+    Args:
+        network: Of all robots.
+        setups: One for each.
+        errors: See `robot_cameras`, as `rngs`.
+        rngs: See `errors`.
+        shadows: See `saltus.heightmap.service.scan.ScanRig`: as a run tells a planner that jumps.
     """
 
     def __init__(
@@ -42,15 +48,17 @@ class ScanHeights:
         setups: Sequence[Setup],
         errors: StereoConfig | None = None,
         rngs: Sequence[np.random.Generator] | None = None,
+        *,
+        shadows: bool = True,
     ) -> None:
         refuse_shift(setups[0].profile.heightmap, "a predictor")
         self._eyes, self._images = robot_cameras(setups, errors, rngs, whole=True)
-        self._grid, self._camera = setups[0].grid, setups[0].camera
+        self._camera = setups[0].camera
         self._lens = sampled(self._camera)
-        rig = ScanChoice(grid=self._grid).rig(setups[0].robot, self._camera)
+        rig = ScanChoice(grid=setups[0].grid, shadows=shadows).rig(setups[0].robot, self._camera)
         self._services = [ScanService(network, rig) for _ in setups]
         self._answers: list[Heightmap] = []
-        self._half_width = np.zeros((len(setups), self._grid.size))
+        self._half_width = np.zeros((len(setups), setups[0].grid.size))
         self._now_s = 0.0
         self.given: DepthImage | None = None
         """The images given out at this step [mm], shape (n, 48, 16); None where it was not the
@@ -59,14 +67,13 @@ class ScanHeights:
     def heights(self, states: RobotStates, truth: PlantState, fresh: NDArray[np.bool_]) -> Floats:
         """One step of all services; shape (n, points)."""
         answers = self.answers(states, truth, fresh)
-        told = [deepened(each.height, each.half_width_90, self._grid) for each in answers]
-        self._half_width = np.array([half_width for _, half_width in told], np.float64)
-        return np.array([height for height, _ in told], np.float64)
+        self._half_width = np.array([each.half_width_90 for each in answers], np.float64)
+        return np.array([each.height for each in answers], np.float64)
 
     def answers(
         self, states: RobotStates, truth: PlantState, fresh: NDArray[np.bool_]
     ) -> list[Heightmap]:
-        """One step of all services: each robot's message, whose heights are the network's own.
+        """One step of all services: each robot's message.
 
         Arguments are those of `heights`.
         """
@@ -114,10 +121,13 @@ class ScanHeights:
 
 
 class ScanHeightSource:
-    """The heights of one robot by its camera and the scan's service, as the process sends them."""
+    """The heights of one robot by its camera and the scan's service,
+    as the process sends them to a planner that walks.
+    """
 
     def __init__(self, network: ScanNetwork, setup: Setup) -> None:
-        self._service, self._fresh = ScanHeights(network, [setup]), np.ones(1, np.bool_)
+        self._service = ScanHeights(network, [setup], shadows=False)
+        self._fresh = np.ones(1, np.bool_)
 
     def __call__(self, state: RobotState, truth: PlantState) -> Heightmap:
         """The message that answers a state; to be asked for at every policy step."""

@@ -41,7 +41,8 @@ class HeightmapProcess:
         self._inbox: ModelInbox | None = None
         names = [context.bus.prefix for context in contexts]
         is_true = scan is None and first.config.heights == "true"
-        scan = scan or ScanChoice.of_run(setup.grid, first.config.heightmap_model)
+        model, planner = first.config.heightmap_model, first.config.planner
+        scan = scan or ScanChoice.of_run(setup.grid, model, planner)
         cameras: list[str] = []
         if is_true:
             self._fleet: FleetService | ScanFleet | TrueFleet = TrueFleet(contexts)
@@ -50,8 +51,8 @@ class HeightmapProcess:
             self._fleet = ScanFleet(scan.network(), rig, names, depth, at_once=self._lockstep)
             cameras = [camera for camera in rig.cameras if camera]
         else:
-            model = model_path("heightmap", first.config.heightmap_model)
-            network = HeightmapNetwork(setup.robot, model, setup.grid)
+            path = model_path("heightmap", model)
+            network = HeightmapNetwork(setup.robot, path, setup.grid)
             self._fleet = FleetService(network, names, depth)
             self._inbox = ModelInbox(setup.robot, setup.grid, first.run_dir / FILE)
         self._links = {

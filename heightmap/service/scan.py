@@ -18,6 +18,7 @@ from saltus.heightmap.scan.body import NoBody, OwnBody
 from saltus.heightmap.scan.cameras import ScanCamera
 from saltus.heightmap.scan.elevation import Measurement
 from saltus.heightmap.scan.predictor import Ground, ScanNetwork, ScanPredictor
+from saltus.heightmap.scan.shadows import deepened
 from saltus.heightmap.scan.trail import Trail, Waypoint
 from saltus.heightmap.service.image_watch import DEPTH, NO_FRAME, ImageWatch, worse
 from saltus.heightmap.service.quantiles import UNKNOWN_HALF_WIDTH_M
@@ -52,6 +53,9 @@ class ScanRig:
     """Robot whose legs say where the feet are that stand (`leg_trusted`); None: states tell
     `standing_feet`."""
     body: OwnBody = field(default_factory=NoBody)
+    shadows: bool = False
+    """Heights are for a planner of jumps, which reads them alone: ground in doubt that leads down is
+    told lower (`saltus.heightmap.scan.shadows`)."""
 
 
 class Worker(Protocol):
@@ -264,6 +268,9 @@ class ScanService:
         views = [watch.view for watch in self._watches.values() if watch.view is not None]
         newest = max(views, key=lambda view: view.time_ns, default=None)
         ground = self._ground(state)
+        if rig.shadows:
+            height, half_width = deepened(ground.height, ground.half_width, grid)
+            ground = ground._replace(height=height, half_width=half_width)
         age_s = self._time_s(state.time_ns) - ground.seen_s
         return Heightmap(
             time_ns=state.time_ns, step=state.step, x=self._x, y=self._y,

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
+from saltus.config import RunPlanner
 from saltus.depth_camera import DepthCamera, load_camera
 from saltus.dialects import dialect_of
 from saltus.errors import ConfigError
@@ -43,6 +44,8 @@ class ScanChoice:
     feet."""
     model: Path | None = None
     """ONNX file; None: the shipped one."""
+    shadows: bool = False
+    """See `ScanRig.shadows`."""
 
     @classmethod
     def of_flags(
@@ -73,15 +76,19 @@ class ScanChoice:
         )  # fmt: skip
 
     @classmethod
-    def of_run(cls, grid: HeightGrid, model: str | None) -> Self | None:
+    def of_run(cls, grid: HeightGrid, model: str | None, planner: RunPlanner) -> Self | None:
         """The heights of a run's grid by the network that the run names;
         None where it is of the line.
+
+        A planner that jumps is told of shadows; one that walks was measured without.
 
         Raises:
             ModelError: its file cannot be read.
         """
         path = model_path("heightmap", model)
-        return cls(grid=grid, model=path) if model is not None and is_scan(path) else None
+        if model is None or not is_scan(path):
+            return None
+        return cls(grid=grid, model=path, shadows=planner != "walking")
 
     def network(self) -> ScanNetwork:
         """The network that is to run; `ModelError` where it cannot."""
@@ -107,6 +114,7 @@ class ScanChoice:
         return ScanRig(
             grid=self.grid, cameras=mounts, dialect=self.dialect,
             robot=robot if self.body == ROBOT_BODY else None, body=self._body(robot),
+            shadows=self.shadows,
         )  # fmt: skip
 
     def _body(self, robot: Robot) -> OwnBody:

@@ -2,7 +2,7 @@
 and heightmap service would give it.
 """
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
@@ -23,7 +23,6 @@ from saltus.errors import ModelError
 from saltus.grid import LINE
 from saltus.heightmap.data.predicted import PredictedHeightsFactory, load_predictor
 from saltus.heightmap.scan.predictor import ScanNetwork
-from saltus.heightmap.scan.shadows import deepened
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.scan import ScanService
 from saltus.heightmap.service.scan_fleet import ScanChoice
@@ -106,16 +105,10 @@ class Service(Protocol):
 
 
 def compare(
-    effects: tuple[Effect[Any], ...],
-    model: Path,
-    services: list[Service],
-    folder: Path,
-    told: Callable[[Heightmap], np.ndarray] = lambda answer: answer.height,
+    effects: tuple[Effect[Any], ...], model: Path, services: Sequence[Service], folder: Path
 ) -> None:
     """Steps a batch and the deployed processes of each of its robots,
     and holds their heights to each other.
-
-    `told` are the heights that a planner gets of an answer.
     """
     path = folder / "profile.toml"
     path.write_text(with_latency(effects).to_toml(), encoding="utf-8")
@@ -125,7 +118,7 @@ def compare(
         for robot, (camera, service) in enumerate(zip(cameras, services, strict=True)):
             frame = camera.step(ground_truth(step, robot), k * TICK_NS)
             answer = service.step(robot_state(step, robot), frame, k * TICK_NS)
-            np.testing.assert_allclose(step.heights[robot], told(answer), atol=1e-5)
+            np.testing.assert_allclose(step.heights[robot], answer.height, atol=1e-5)
 
 
 @pytest.mark.sample(3)
@@ -144,13 +137,10 @@ def test_they_are_those_of_the_deployed_processes(
 def test_those_of_the_scan_are_those_of_its_services(
     effects: tuple[Effect[Any], ...], tmp_path: Path
 ) -> None:
-    model, rig = SCAN, ScanChoice(grid=LINE).rig(ROBOT, load_camera("ideal"))
-    network = ScanNetwork(model)
-    services: list[Service] = [ScanService(network, rig) for _ in TRIALS]
-    compare(
-        effects, model, services, tmp_path,
-        lambda answer: deepened(answer.height, answer.half_width_90, LINE)[0],
-    )  # fmt: skip
+    choice = ScanChoice.of_run(LINE, str(SCAN), "learned")
+    assert choice is not None
+    rig, network = choice.rig(ROBOT, load_camera("ideal")), ScanNetwork(SCAN)
+    compare(effects, SCAN, [ScanService(network, rig) for _ in TRIALS], tmp_path)
 
 
 def test_a_file_says_whether_it_is_of_the_line_or_of_the_scan(model_path: Path) -> None:

@@ -10,7 +10,7 @@ from memory_bus import MemoryBus, MemoryHub
 from plane_world import BEGIN_NS, LATENCY_NS, STEP_NS, PlaneWorld, map_network
 from samples import ROBOT, put_run
 
-from saltus.config import RunConfig
+from saltus.config import RunConfig, RunPlanner
 from saltus.depth_camera import DepthCamera, load_camera
 from saltus.errors import ConfigError
 from saltus.grid import SCAN
@@ -80,6 +80,13 @@ def test_cameras_need_names_of_their_own(tmp_path: Path, names: tuple[str, ...])
     else:
         with pytest.raises(ConfigError, match="names of cameras"):
             choice(tmp_path, *cameras).rig(ROBOT, cameras[0])
+
+
+@pytest.mark.parametrize("planner", ["scripted", "learned", "walking"])
+def test_a_run_that_jumps_is_told_of_shadows(tmp_path: Path, planner: RunPlanner) -> None:
+    asked = ScanChoice.of_run(SCAN, str(map_network(tmp_path / "map.onnx")), planner)
+    assert asked is not None
+    assert asked.rig(ROBOT, camera("front", 0.0)).shadows == (planner != "walking")
 
 
 @pytest.mark.parametrize("body", ["robot", "none", "0.6x0.4x0.5"])

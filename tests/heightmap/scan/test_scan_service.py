@@ -18,6 +18,7 @@ from saltus.dialects import DIALECTS
 from saltus.grid import LINE, SCAN, HeightGrid
 from saltus.heightmap.scan.cameras import ScanCamera
 from saltus.heightmap.scan.predictor import ScanNetwork
+from saltus.heightmap.scan.shadows import deepened
 from saltus.heightmap.service.scan import FIRST, ScanRig, ScanService
 from saltus.robots.mount import Mount
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus
@@ -118,6 +119,17 @@ def test_an_observation_is_the_dialects_own_arithmetic(
     rows = table.T if dialect.outer_axis == "y" else table
     expected = np.clip(rows.ravel(), -dialect.clip_m, dialect.clip_m) * dialect.scale
     np.testing.assert_allclose(last.observation, expected, rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("world", WORLDS)
+def test_a_planner_of_jumps_is_told_of_shadows(network: ScanNetwork, world: PlaneWorld) -> None:
+    plain, told = (
+        run(ScanService(network, rig(DOWN, grid=LINE, shadows=shadows)), world, {FIRST: DOWN})
+        for shadows in (False, True)
+    )
+    for given, lowered in zip(plain, told, strict=True):
+        expected = deepened(given.height, given.half_width_90, LINE)
+        np.testing.assert_array_equal((lowered.height, lowered.half_width_90), expected)
 
 
 def test_empty_images_are_not_used_and_say_so(network: ScanNetwork) -> None:
