@@ -116,26 +116,31 @@ class Drives:
         )
 
     def sent(
-        self, law: Floats, feedforward: Floats, instants: Indices, first: Indices, last: Indices
+        self,
+        law: Floats,
+        feedforward: Floats | None,
+        instants: Indices,
+        first: Indices,
+        last: Indices,
     ) -> Floats:
         """Law and feed-forward [Nm] that the drives use at the instants,
         shape (windows, branches, joints, sets).
 
         Args:
             law: kp q_des + kd dq_des [Nm], shape (instants, branches, joints).
-            feedforward: [Nm], the same shape.
+            feedforward: What comes later than the law by a delay of its own [Nm], the same shape;
+                None where `law` holds it already.
             instants: Now, shape (windows,).
             first: Of the stretch of the log: nothing older is used. Shape (windows,).
             last: Of the stretch: nothing newer is used.
         """
-        if self.command_delay is None and self.feedforward_delay is None:
-            rows = np.minimum(instants, last)
-            return (law[rows] + feedforward[rows])[..., None]
+        if self.command_delay is None and feedforward is None:
+            return law[np.minimum(instants, last)][..., None]
         delay = np.zeros((*law.shape[1:], 1)) if self.command_delay is None else self.command_delay
-        if self.feedforward_delay is None:
-            return _late(law + feedforward, instants, delay / self.dt_s, first, last)
-        own = (delay + self.feedforward_delay) / self.dt_s
         late = _late(law, instants, delay / self.dt_s, first, last)
+        if feedforward is None or self.feedforward_delay is None:
+            return late
+        own = (delay + self.feedforward_delay) / self.dt_s
         return late + _late(feedforward, instants, own, first, last)
 
     def sensed(
@@ -154,7 +159,7 @@ class Drives:
             if state.velocity is None or state.filtered is None:
                 filtered = velocity.copy()
             else:
-                new, old, kept = low_pass_weights(self.velocity_filter, self.dt_s)
+                new, old, kept = self._filter_weights
                 filtered = new * velocity + old * state.velocity + kept * state.filtered
             state.velocity, state.filtered = velocity.copy(), filtered
             velocity = filtered
@@ -168,11 +173,11 @@ class Drives:
         """Torque on the motor's side of the play."""
         if self.actuator_lag is not None:
             start = torque if state.lagged is None else state.lagged
-            in_mean, at_end = lag_weights(self.actuator_lag, self.dt_s)
+            in_mean, at_end = self._lag_weights
             state.lagged = torque + at_end * (start - torque)
             torque = torque + in_mean * (start - torque)
         if self.torque_speed_limit is not None:
-            torque, state.steepness = self._limited(torque, velocity, *self.torque_speed_limit)
+            torque, state.steepness = self._limited(torque, velocity, self.torque_speed_limit[0])
         if self.torque_saturation is not None or self.kinks:
             torque = torque - np.sign(torque) * self._saturated(np.abs(torque))
         if self.torque_gain is not None:
@@ -211,18 +216,45 @@ class Drives:
             missing = missing + slope * np.maximum(magnitude - corner, 0.0)
         return missing
 
-    def _limited(
-        self, torque: Floats, velocity: Floats, weight: Floats, corner: Floats, span: Floats
-    ) -> tuple[Floats, Floats]:
+    # What stays the same over a replay, of which each step takes its turn
+
+    @cached_property
+    def _filter_weights(self) -> tuple[Floats, Floats, Floats]:
+        assert self.velocity_filter is not None  # noqa: S101 - who has none does not ask
+        return low_pass_weights(self.velocity_filter, self.dt_s)
+
+    @cached_property
+    def _lag_weights(self) -> tuple[Floats, Floats]:
+        assert self.actuator_lag is not None  # noqa: S101 - who has none does not ask
+        return lag_weights(self.actuator_lag, self.dt_s)
+
+    @cached_property
+    def _speed_line(self) -> tuple[Floats, Floats, Floats]:
+        """No-load speed, its distance from the corner [rad/s],
+        and by how much torque falls in between [Nm s/rad].
+        """
+        assert self.torque_speed_limit is not None  # noqa: S101 - who has none does not ask
+        weight, corner, span = self.torque_speed_limit
         no_load = corner + span
+        return no_load, no_load - corner, weight * self.limit / (no_load - corner)
+
+    def _limited(
+        self, torque: Floats, velocity: Floats, weight: Floats
+    ) -> tuple[Floats, Floats | None]:
+        """Torque within the limit of speed,
+        and how it falls with velocity; None where it nowhere does.
+        """
+        no_load, span, slope = self._speed_line
         direction = np.sign(velocity)
         along = torque * direction
-        share = np.clip((no_load - np.abs(velocity)) / (no_load - corner), 0.0, 1.0)
+        share = np.minimum(np.maximum((no_load - np.abs(velocity)) / span, 0.0), 1.0)
         bound = self.limit * share
         allowed = np.maximum(np.minimum(along, bound), -self.limit)
-        falls = (along > bound) & (share > 0.0) & (share < 1.0) & (not self.holds_limit)
-        steepness = np.where(falls, weight * self.limit / (no_load - corner), 0.0)
-        return torque + weight * (allowed - along) * direction, steepness
+        held = torque + weight * (allowed - along) * direction
+        if self.holds_limit:
+            return held, None
+        falls = (along > bound) & (share > 0.0) & (share < 1.0)
+        return held, np.where(falls, slope, 0.0) if falls.any() else None
 
 
 def lost(torque: Floats, slope: Floats, corner: Floats, rounding: Floats) -> Floats:
@@ -234,14 +266,11 @@ def lost(torque: Floats, slope: Floats, corner: Floats, rounding: Floats) -> Flo
     cosh(corner / rounding)) is lost, which is that of a tanh of scale 2 `rounding` where `corner`
     is small beside it, and that of a sharp corner where `rounding` is.
     """
-    half, bend = 0.5 * torque / rounding, 0.5 * corner / rounding
-    rise = _log_cosh(half + bend) - _log_cosh(half - bend)
-    return np.asarray(slope * (torque - rounding * rise / np.tanh(bend)))
-
-
-def _log_cosh(x: Floats) -> Floats:
-    """Logarithm of 2 cosh(x), for any x."""
-    return np.logaddexp(x, -x)
+    above, bend = torque / rounding, corner / rounding
+    # log(cosh((above + bend) / 2) / cosh((above - bend) / 2)), without overflow
+    near, far = np.exp(-np.abs(above - bend)), np.exp(-above - bend)
+    rise = np.minimum(above, bend) + np.log1p((far - near) / (1.0 + near))
+    return np.asarray(slope * (torque - rounding / np.tanh(0.5 * bend) * rise))
 
 
 def saturation_loss(

@@ -19,10 +19,11 @@ def with_inertia(inverse: Floats, added: Floats) -> Floats:
 
     Shapes (windows, branches, joints, joints, sets or 1) and (..., joints, sets).
     """
-    added = added + np.zeros_like(inverse[:, :, 0])  # the shape that both have together
     for joint in range(inverse.shape[2]):
+        extra = added[..., joint, :]
+        if not extra.any():  # as where a limit of speed holds other joints
+            continue
         column, row = inverse[:, :, :, joint], inverse[:, :, joint]
-        extra = added[:, :, joint]
         share = extra / (1.0 + extra * column[:, :, joint])
         inverse = inverse - column[:, :, :, None] * (row * share[:, :, None])[:, :, None]
     return inverse

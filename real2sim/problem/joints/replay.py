@@ -161,6 +161,9 @@ class _Simulation:
             self._rolled = motion.sway.rolled(*drives.base_roll)
         self._mobility = np.diagonal(motion.inverse_mass, axis1=2, axis2=3)[..., None]
         self._impulse, self._bent, self._believed = np.zeros((3, *shape))
+        is_apart = drives.feedforward_delay is not None
+        self._law = motion.law if is_apart else motion.law + motion.feedforward
+        self._feedforward = motion.feedforward if is_apart else None
 
     def measure(self, k: int) -> tuple[Floats, Floats, Floats]:
         """Angles [rad] and velocities [rad/s] that encoders read, torque [Nm] that drives believe.
@@ -173,8 +176,8 @@ class _Simulation:
         q, v = drives.sensed(q, v, self._drive_state)
         seen_q, seen_v = (q, v) if play is None else play.seen(q, v)
         sent = drives.sent(
-            self._motion.law,
-            self._motion.feedforward,
+            self._law,
+            self._feedforward,
             self._windows.start + k,
             self._windows.first,
             self._windows.last,
