@@ -14,19 +14,45 @@ SWEEPS = 3
 others feel by a third or less, and each step starts from the impulses of the last."""
 
 
+def joint_by_joint(values: Floats, axis: int = -2) -> Floats:
+    """The joints' axis first, in one piece of memory,
+    so that an operation on one joint is one long loop, not a short one for each window and branch.
+    """
+    return np.ascontiguousarray(np.moveaxis(values, axis, 0))
+
+
+def inverses_of(inverse: Floats, sets: int) -> Floats:
+    """Inverses of mass matrices, shape (windows, branches, joints, joints), for so many sets:
+    shape (joints, joints, windows, branches, sets), as all here takes them.
+    """
+    each = inverse.transpose(2, 3, 0, 1)[..., None]
+    return np.ascontiguousarray(np.broadcast_to(each, (*each.shape[:-1], sets)))
+
+
 def with_inertia(inverse: Floats, added: Floats) -> Floats:
     """Inverse of the mass matrix after `added` [kg m^2] at the joints, one rank-one update a joint.
 
-    Shapes (windows, branches, joints, joints, sets or 1) and (..., joints, sets).
+    Args:
+        inverse: Without it, shape (joints, joints, windows, branches, sets); it is changed.
+        added: Shape (..., joints, sets).
     """
-    for joint in range(inverse.shape[2]):
-        extra = added[..., joint, :]
-        if not extra.any():  # as where a limit of speed holds other joints
-            continue
-        column, row = inverse[:, :, :, joint], inverse[:, :, joint]
-        share = extra / (1.0 + extra * column[:, :, joint])
-        inverse = inverse - column[:, :, :, None] * (row * share[:, :, None])[:, :, None]
+    for joint, extra in enumerate(joint_by_joint(added)):
+        if extra.any():  # a limit of speed seldom holds more than one joint
+            column, row = inverse[:, joint].copy(), inverse[joint]
+            share = extra / (1.0 + extra * column[joint])
+            inverse -= column[:, None] * (row * share)
     return inverse
+
+
+def accelerated(inverse: Floats, torque: Floats) -> Floats:
+    """Product of an inverse of the mass matrix, shape (joints, joints, windows, branches, sets),
+    and torques or impulses, of the same shape (windows, branches, joints, sets) as the result.
+    """
+    first, *others = joint_by_joint(torque)
+    total = inverse[:, 0] * first
+    for joint, other in enumerate(others, 1):
+        total += inverse[:, joint] * other
+    return np.ascontiguousarray(np.moveaxis(total, 0, 2))
 
 
 def rubbed(
@@ -41,7 +67,7 @@ def rubbed(
 
     Args:
         velocity: Without it [rad/s], shape (windows, branches, joints, sets).
-        inverse: Of the mass matrix, shape (windows, branches, joints, joints, sets or 1).
+        inverse: Of the mass matrix, shape (joints, joints, windows, branches, sets).
         limit: Largest impulse of friction over the step [Nm s].
         impulse: That of the last step, from which the search starts; becomes that of this step.
         give: By how much the velocity of a joint gives way for an impulse of friction [rad/s per Nm
@@ -53,20 +79,27 @@ def rubbed(
     # its arguments
     least = -limit
     np.minimum(np.maximum(impulse, least, out=impulse), limit, out=impulse)
-    velocity = velocity + np.einsum("wbij...,wbj...->wbi...", inverse, impulse)
+    fast, shape = joint_by_joint(velocity + accelerated(inverse, impulse)), velocity.shape
+    pushes, low, high = (
+        joint_by_joint(np.broadcast_to(each, shape)) for each in (impulse, least, limit)
+    )
+    gives, bends = (
+        None if each is None else joint_by_joint(np.broadcast_to(each, shape))
+        for each in (give, bent)
+    )
     for _ in range(SWEEPS):
-        for joint in range(velocity.shape[2]):
-            column, own = inverse[:, :, :, joint], impulse[:, :, joint]
-            mobility = column[:, :, joint]
-            if give is None or bent is None:
-                stopping = own - velocity[:, :, joint] / mobility
+        for joint, own in enumerate(pushes):
+            mobility = inverse[joint, joint]
+            if gives is None or bends is None:
+                stopping = own - fast[joint] / mobility
             else:  # the springs' law at the end of the step
-                ahead = velocity[:, :, joint] - mobility * own - bent[:, :, joint]
-                stopping = -ahead / (mobility + give[..., joint, :])
-            new = np.minimum(np.maximum(stopping, least[..., joint, :]), limit[..., joint, :])
-            velocity += column * (new - own)[:, :, None]
-            impulse[:, :, joint] = new
-    return velocity
+                ahead = fast[joint] - mobility * own - bends[joint]
+                stopping = -ahead / (mobility + gives[joint])
+            new = np.minimum(np.maximum(stopping, low[joint]), high[joint])
+            fast += inverse[:, joint] * (new - own)
+            own[...] = new
+    impulse[...] = np.moveaxis(pushes, 0, 2)
+    return np.ascontiguousarray(np.moveaxis(fast, 0, 2))
 
 
 class Play:
@@ -131,8 +164,8 @@ class Play:
         Args:
             velocity: Of the joints at the end of the step [rad/s].
             acceleration: Over the step [rad/s^2].
-            inverse: Of the mass matrix that the step was made with, shape (windows, branches,
-                joints, joints, sets).
+            inverse: Of the mass matrix that the step was made with, shape (joints, joints,
+                windows, branches, sets).
             dt_s: The step.
         """
         touches = self._touches
@@ -158,11 +191,9 @@ class Play:
     def _struck(self, velocity: Floats, approach: Floats, inverse: Floats) -> Floats:
         velocity = velocity.copy()
         for joint in range(velocity.shape[2]):
-            column = inverse[:, :, :, joint]
-            own = column[:, :, joint]
-            rotor = self._rotor[..., joint, :]
+            own, rotor = inverse[joint, joint], self._rotor[..., joint, :]
             gained = approach[:, :, joint] * rotor / (rotor + 1.0 / own)
-            velocity += column * (gained / own)[:, :, None]
+            velocity += np.moveaxis(inverse[:, joint] * (gained / own), 0, 2)
         return velocity
 
 

@@ -13,7 +13,14 @@ import numpy as np
 
 from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.joints.drives import LEAST_LEVEL, Drives, DriveState
-from saltus.real2sim.problem.joints.mechanics import Play, Sway, rubbed, with_inertia
+from saltus.real2sim.problem.joints.mechanics import (
+    Play,
+    Sway,
+    accelerated,
+    inverses_of,
+    rubbed,
+    with_inertia,
+)
 
 DIVERGED = 1e3
 """[rad], [rad/s]: beyond it a simulation is not continued; nothing that moves gets there."""
@@ -226,12 +233,14 @@ class _Simulation:
                 0.0 if added is None else added
             )
         # 3. the legs
-        inverse = motion.inverse_mass[rows][..., None]
+        inverse = motion.inverse_mass[rows]
         if added is None:
-            acceleration = inverse[..., 0] @ (torque - load)
-        else:
+            acceleration = inverse @ (torque - load)
+        if added is not None or drives.is_dry:
+            inverse = inverses_of(inverse, drives.count)
+        if added is not None:
             inverse = with_inertia(inverse, added)
-            acceleration = np.einsum("wbij...,wbj...->wbi...", inverse, torque - load)
+            acceleration = accelerated(inverse, torque - load)
         faster = v + dt * acceleration
         if drives.is_dry:
             faster = self._rubbed(faster, inverse, drives.friction(v))
