@@ -13,6 +13,7 @@ from saltus.constants import POLICY_DT
 from saltus.depth import MILLIMETRE, MODEL_CAMERA, depth_frame, depth_in_millimetres
 from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.signals import DepthImage
+from saltus.heightmap.data.damaged_images import ImageDamage
 from saltus.heightmap.data.robot_cameras import robot_cameras, sampled
 from saltus.heightmap.scan.predictor import ScanNetwork
 from saltus.heightmap.service.scan import ScanService
@@ -50,9 +51,11 @@ class ScanHeights:
         rngs: Sequence[np.random.Generator] | None = None,
         *,
         shadows: bool = True,
+        damage: ImageDamage | None = None,
     ) -> None:
         refuse_shift(setups[0].profile.heightmap, "a predictor")
         self._eyes, self._images = robot_cameras(setups, errors, rngs, whole=True)
+        self._damage, self._seeds = damage, [setup.trial.seed for setup in setups]
         self._camera = setups[0].camera
         self._lens = sampled(self._camera)
         rig = ScanChoice(grid=setups[0].grid, shadows=shadows).rig(setups[0].robot, self._camera)
@@ -78,6 +81,8 @@ class ScanHeights:
         Arguments are those of `heights`.
         """
         exposed, self._now_s = self._eyes.expose(truth, states.step, fresh), states.time_s
+        if exposed is not None and self._damage is not None:
+            exposed = self._damage(exposed, self._seeds)
         self.given = None if exposed is None else self._for_model(exposed)
         arrived, now_ns = self._images.step(exposed, states.time_s, fresh), _ns(states.time_s)
         self._answers = []
@@ -125,8 +130,10 @@ class ScanHeightSource:
     as the process sends them to a planner that walks.
     """
 
-    def __init__(self, network: ScanNetwork, setup: Setup) -> None:
-        self._service = ScanHeights(network, [setup], shadows=False)
+    def __init__(
+        self, network: ScanNetwork, setup: Setup, damage: ImageDamage | None = None
+    ) -> None:
+        self._service = ScanHeights(network, [setup], shadows=False, damage=damage)
         self._fresh = np.ones(1, np.bool_)
 
     def __call__(self, state: RobotState, truth: PlantState) -> Heightmap:
@@ -147,10 +154,12 @@ class ScanHeightSourceFactory:
 
     model: Path
     """ONNX file of the scan's network."""
+    damage: ImageDamage | None = None
+    """Damage to the images."""
 
     def __call__(self, setup: Setup) -> ScanHeightSource:
         """Loads the network; `ModelError` where it cannot."""
-        return ScanHeightSource(ScanNetwork(self.model), setup)
+        return ScanHeightSource(ScanNetwork(self.model), setup, self.damage)
 
 
 def _ns(seconds: float) -> int:

@@ -10,6 +10,7 @@ from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.controller.tick import Tick
 from saltus.drive.wish import Wish
 from saltus.loop.heights import true_heightmap, true_heights
+from saltus.loop.pushes import Pushes
 from saltus.policy.mover import Mover
 from saltus.policy.process import PlannerProcess
 from saltus.setup import Setup
@@ -56,7 +57,12 @@ class TrueHeightSource:
 
 
 def walk(
-    setup: Setup, movers: Sequence[Mover], source: HeightSource, operator: Operator, tick: Tick
+    setup: Setup,
+    movers: Sequence[Mover],
+    source: HeightSource,
+    operator: Operator,
+    tick: Tick,
+    push_ns: float = 0.0,
 ) -> Iterator[WalkStep]:
     """Runs a robot step by step, for as long as it is asked to.
 
@@ -66,9 +72,11 @@ def walk(
         source: Tells the heights.
         operator: Commands at each step.
         tick: Laws of the controller; may be used for several robots of this kind.
+        push_ns: Of one push sideways [Ns], see `saltus.loop.pushes`.
     """
     robot, loop = MujocoRobot(setup, compiled=True), ControlLoop(setup.robot, tick)
     process = PlannerProcess(setup.grid, *movers)
+    pushes = Pushes(push_ns, [setup.terrain], [setup.trial])
     robot.reset()
     for step in count():
         start_ns = step * STEP_NS
@@ -76,6 +84,7 @@ def walk(
         truth, state = robot.state, loop.state(start_ns, step)
         wish = operator(1e-9 * start_ns, truth)
         plan = process.step(state, source(state, truth), start_ns, wish.at(state))
+        robot.push(float(pushes.step(truth.position_base_in_world[:1])[0]))
         _act(robot, loop, plan, start_ns)
         yield WalkStep(
             time_s=1e-9 * start_ns, truth=truth, wish=wish, mode=state.mode,

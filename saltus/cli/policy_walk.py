@@ -16,14 +16,16 @@ from saltus.used_networks import model_id, model_path, walking_path
 from saltus.workers import check_processes
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from saltus.policy.evaluation.walking_trials import Kind
     from saltus.policy.evaluation.walks import HeightSourceFactory
 
     Table = dict[tuple[str, Kind, str], dict[str, Any]]
 
+ERRAND_COLUMNS = {
+    "way [m]": "way_m", "time [s]": "time_s", "offset [m]": "offset_m", "heading [deg]": "heading_deg",
+}  # fmt: skip
 BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
+CAMERA_FLAGS = ("pixels_gone", "camera_blank_s", "camera_late_s")
 ALL = ("plain", "rubble", "stairs", "irregular", "stones", "ramps", "hurdles")
 
 
@@ -32,12 +34,15 @@ class Trials(RobotOption, JsonOption):
     """Trials of a walking policy with the deployed planner, controller and heightmaps, without bus.
 
     A crossing is 10 m of a ground at 0.5 to 1.0 m/s, drawn by the seed. A drill is six drawn commands
-    of 4 s, a stop from 1.0 m/s, and a turn by 180 degrees on the spot. The operator sees where the
-    robot is.
+    of 4 s, a stop from 1.0 m/s, and a turn by 180 degrees on the spot. A route leads over goals, a
+    stop ends a walk at 1.0 m/s within 1 m, a line is a place and heading to stand at within 5 cm and
+    3 degrees. The operator sees where the robot is.
 
     For example:
       saltus policy walk trials --trials 100 --json
       saltus policy walk trials --model walk.onnx --grounds stairs --drills --heights true
+      saltus policy walk trials --grounds rubble --drills --push-ns 20
+      saltus policy walk trials --grounds --drills --routes landing course arena --stops stairs
     """
 
     model: Annotated[Path | None, shown("PATH", "the shipped policy of the robot")] = None
@@ -46,6 +51,22 @@ class Trials(RobotOption, JsonOption):
     """Grounds to cross; none by --grounds alone."""
     drills: tuple[str, ...] = ("plain", "rubble")
     """Grounds of the drills; none by --drills alone."""
+    routes: tuple[str, ...] = ()
+    """Routes over goals: landing (stairs round a corner), course (eight drawn parts), arena."""
+    stops: tuple[str, ...] = ()
+    """Grounds to stop on."""
+    lines: tuple[str, ...] = ()
+    """Grounds of the drills on which a line is to be reached."""
+    push_ns: float = 0.0
+    """One push sideways while a robot walks, of 0.1 s, at a drawn place and from a drawn side [Ns]."""
+    friction: Annotated[float | None, shown("FLOAT", "0.5 to 1.0, drawn")] = None
+    """Friction between feet and ground."""
+    camera_late_s: Annotated[float | None, shown("FLOAT", "0.03 to 0.06, drawn")] = None
+    """Time from exposure to arrival of images [s]; for predicted heights."""
+    camera_blank_s: float = 0.0
+    """The camera shows nothing for so long, once, at a drawn time [s]; for predicted heights."""
+    pixels_gone: float = 0.0
+    """Share of the pixels of each image that are invalid; for predicted heights."""
     heights: tuple[Literal["true", "predicted"], ...] = ("true", "predicted")
     """true: the terrain as it is. predicted: what the scan's service makes of late depth images."""
     heightmap_model: Annotated[Path | None, shown("PATH", "the shipped network")] = None
@@ -65,39 +86,32 @@ class Trials(RobotOption, JsonOption):
         """Runs them; prints a row for each ground and source of heights."""
         from tqdm import tqdm
 
-        from saltus.policy.evaluation.walking_trials import (
-            WalkTrials,
-            crossing_row,
-            drill_row,
-            run_tasks,
-            tasks,
-        )  # fmt: skip
+        from saltus.policy.evaluation.walking_conditions import Conditions
+        from saltus.policy.evaluation.walking_trials import ROWS, WalkTrials, run_tasks, tasks
 
         self._check()
         seeds = range(self.seed, self.seed + self.trials)
+        conditions = Conditions(
+            push_ns=self.push_ns, friction=self.friction, camera_late_s=self.camera_late_s
+        )
         trials = WalkTrials(
             robot=self.robot, grid=WALKING_GRID, model=self._policy,
-            camera=self.camera, profile=self.profile,
+            camera=self.camera, profile=self.profile, conditions=conditions,
         )  # fmt: skip
-        kinds: tuple[tuple[Kind, tuple[str, ...], Callable[..., dict[str, Any]]], ...] = (
-            ("cross", self.grounds, crossing_row),
-            ("drill", self.drills, drill_row),
-        )
         named = [
             (source, kind, name, task)
             for source in self.heights
-            for kind, grounds, _ in kinds
+            for kind, grounds in self._asked.items()
             for name in grounds
             for task in tasks(kind, [name], self._height_source(source), seeds)
         ]
-        total = self.trials * len(self.heights) * (len(self.grounds) + len(self.drills))
+        total = self.trials * len(self.heights) * sum(map(len, self._asked.values()))
         with tqdm(total=total, desc="trials", bar_format=BAR, file=sys.stderr) as bar:
             results = run_tasks(trials, [task for *_, task in named], self.processes, bar.update)
         found: dict[tuple[str, Kind, str], list[Any]] = {}
         for (source, kind, name, _), part in zip(named, results, strict=True):
             found.setdefault((source, kind, name), []).extend(part)
-        rows = {kind: row for kind, _, row in kinds}
-        table = {key: rows[key[1]](value) for key, value in found.items()}
+        table = {key: ROWS[key[1]](value) for key, value in found.items()}
         print(*_lines(table), sep="\n")
         self.tell_json(self._told(table))
         return 0
@@ -106,17 +120,28 @@ class Trials(RobotOption, JsonOption):
         """Says at once what is wrong with a model, a ground or a number."""
         from saltus.grid import load_grid
         from saltus.heightmap.scan.predictor import ScanNetwork
-        from saltus.policy.evaluation.walking_grounds import drill_ground, ground
+        from saltus.policy.evaluation.walking_trials import prepared
         from saltus.policy.joints.policy import JointPolicy
 
         check_between(self, trials=(1, 100_000), seed=(0, 2**32))
         check_processes(self.processes)
-        if not self.heights or not (self.grounds or self.drills):
+        check_between(self, push_ns=(0.0, 1000.0), camera_blank_s=(0.0, 100.0))
+        check_between(self, pixels_gone=(0.0, 1.0))
+        if self.friction is not None:
+            check_between(self, friction=(0.01, 5.0))
+        if self.camera_late_s is not None:
+            check_between(self, camera_late_s=(0.0, 0.5))
+        if not self.heights or not any(self._asked.values()):
             raise ConfigError("nothing to measure: name a ground or a drill, and true or predicted")
-        for name in self.grounds:
-            ground(name, self.seed)
-        for name in self.drills:
-            drill_ground(name, self.seed)
+        for flag in CAMERA_FLAGS if "true" in self.heights else ():
+            if getattr(self, flag):
+                raise ConfigError(
+                    f"{flag} = {getattr(self, flag):g} changes no true heights: "
+                    "ask for --heights predicted"
+                )
+        for kind, names in self._asked.items():
+            for name in names:
+                prepared(kind, name, self.seed)
         _, robot = mounted_camera(self.camera, load_robot(self.robot))
         policy = JointPolicy(self._policy)
         policy.refuse_other(robot)
@@ -124,22 +149,34 @@ class Trials(RobotOption, JsonOption):
         ScanNetwork(model_path("scan", self.heightmap_model))
 
     @property
+    def _asked(self) -> "dict[Kind, tuple[str, ...]]":
+        return {
+            "cross": self.grounds, "drill": self.drills, "route": self.routes,
+            "stop": self.stops, "line": self.lines,
+        }  # fmt: skip
+
+    @property
     def _policy(self) -> Path:
         return walking_path(self.robot, self.model).resolve()
 
     def _height_source(self, source: str) -> "HeightSourceFactory":
+        from saltus.heightmap.data.damaged_images import ImageDamage
         from saltus.heightmap.data.scan_heights import ScanHeightSourceFactory
         from saltus.policy.evaluation.walks import TrueHeightSource
 
         if source == "true":
             return TrueHeightSource
-        return ScanHeightSourceFactory(model=model_path("scan", self.heightmap_model).resolve())
+        damage = ImageDamage(gone=self.pixels_gone, blank_s=self.camera_blank_s)
+        return ScanHeightSourceFactory(
+            model=model_path("scan", self.heightmap_model).resolve(), damage=damage
+        )
 
     def _told(self, table: "Table") -> dict[str, Any]:
         paths = {"policy": self._policy, "heightmap": model_path("scan", self.heightmap_model)}
         return {
             "robot": self.robot, "camera": self.camera, "profile": self.profile,
             "trials": self.trials, "seed": self.seed,
+            "conditions": {name: getattr(self, name) for name in ("push_ns", "friction", *CAMERA_FLAGS)},
             "models": {kind: model_id(path.read_bytes()) for kind, path in paths.items()},
             "rows": [
                 {"heights": source, "kind": kind, "ground": name, **row}
@@ -176,4 +213,19 @@ def _lines(table: "Table") -> list[str]:
         for (source, kind, name), row in table.items()
         if kind == "drill"
     ]  # fmt: skip
-    return [*(table_lines(crossed) if crossed else []), *(table_lines(drilled) if drilled else [])]
+    errands = [
+        (
+            f"{kind} {name}, {source}",
+            {
+                "done": f"{row['successes']} of {row['trials']}",
+                **{
+                    title: row.get(figure)
+                    for title, figure in ERRAND_COLUMNS.items()
+                },
+                "failed": ", ".join(f"{n} {cause}" for cause, n in row["failures"].items()),
+            },
+        )
+        for (source, kind, name), row in table.items()
+        if kind not in ("cross", "drill")
+    ]  # fmt: skip
+    return [line for rows in (crossed, drilled, errands) if rows for line in table_lines(rows)]

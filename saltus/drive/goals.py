@@ -42,9 +42,17 @@ class Goals:
         """True where all goals have been reached."""
         return not self._left
 
+    @property
+    def left(self) -> int:
+        """How many are still to be reached."""
+        return len(self._left)
+
     def wish(self, state: RobotState) -> Wish:
         """The wish at a state; states come in order, none twice."""
-        place, heading = self._way.step(state)
+        return self.lead(*self._way.step(state))
+
+    def lead(self, place: Floats, heading: float) -> Wish:
+        """The wish of a robot at a place [m], shape (2,), in the frame of the goals."""
         while self._left and math.hypot(*(self._left[0] - place)) < REACHED_M:
             del self._left[0]
         if not self._left:

@@ -67,15 +67,24 @@ class Course(Value):
 
         It ends at a line across x, or at its far end in x where it leads away.
         """
-        way = Way(width=self.width, x=GROUND_START_X)
-        for segment in (Level(length=STANCE_M - GROUND_START_X), *self.segments):
-            segment.lay(way, draws)
+        way, _ = self._laid(draws)
         end, leads_ahead = way.x + FINISH_AFTER_COURSE * math.cos(way.yaw), abs(way.yaw) < AHEAD_RAD
         Level(length=RUN_OUT).lay(way, draws)
         boxes = way.boxes(self.floor_m, self.margin_m)
         return Terrain(
             kind=self.kind, boxes=boxes, finish_x=end if leads_ahead else boxes[0].high[0]
         )
+
+    def ends(self, draws: Draws) -> list[tuple[float, float]]:
+        """World x and y where each segment ends [m], as `terrain` lays it with equal draws."""
+        return self._laid(draws)[1]
+
+    def _laid(self, draws: Draws) -> tuple[Way, list[tuple[float, float]]]:
+        way, ends = Way(width=self.width, x=GROUND_START_X), []
+        for segment in (Level(length=STANCE_M - GROUND_START_X), *self.segments):
+            segment.lay(way, draws)
+            ends.append((way.x, way.y))
+        return way, ends[1:]
 
 
 @dataclass(frozen=True, kw_only=True)

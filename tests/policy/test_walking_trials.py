@@ -13,11 +13,14 @@ import numpy as np
 import pytest
 from walking_policies import put_policy
 
+from saltus.config import TerrainConfig
 from saltus.constants import POLICY_DT
 from saltus.controller.tick import CompiledTick
 from saltus.drive.wish import Wish
 from saltus.errors import ConfigError
 from saltus.policy.evaluation import walking_trials as trials
+from saltus.policy.evaluation.walking_conditions import Conditions
+from saltus.policy.evaluation.walking_errands import LINE_M, LINE_RAD, follow, line, stop
 from saltus.policy.evaluation.walking_grounds import (
     DRILL_GROUNDS,
     FINISH_X,
@@ -26,12 +29,14 @@ from saltus.policy.evaluation.walking_grounds import (
     drill_ground,
     ground,
 )
+from saltus.policy.evaluation.walking_routes import ROUTES, route
 from saltus.policy.evaluation.walks import Operator, TrueHeightSource, WalkStep, walk
 from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.joints.walker import Walker
 from saltus.rotations import quaternion_from_roll_pitch_yaw
+from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import STANCE_M
-from saltus.trial import is_upright
+from saltus.trial import Trial, is_upright
 from saltus.wire.messages import CommandMode, ControllerMode
 
 STEPS = {"stairs": (14, 0.15), "hurdles": (7, 0.15), "irregular": (11, 0.20)}
@@ -73,7 +78,12 @@ def test_unknown_grounds_are_refused() -> None:
 class Kinematic:
     """A robot that does exactly what it is told, with an error, from when it has got up."""
 
-    def __init__(self, tmp_path: Path, error: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> None:
+    def __init__(
+        self,
+        tmp_path: Path,
+        error: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        stops_s: float = 0.0,
+    ) -> None:
         model = put_policy(tmp_path / "walk.onnx")
         setup = trials.WalkTrials(robot="go1", grid="scan", model=model).setup(
             ground("plain", 0), 0
@@ -82,11 +92,12 @@ class Kinematic:
         steps = walk(
             setup, [walker], TrueHeightSource(setup), lambda *_: Wish(), CompiledTick(setup.robot)
         )
-        self._truth, self._error = next(steps).truth, np.array(error)
+        self._truth, self._error, self._stops_s = next(steps).truth, np.array(error), stops_s
 
     def run(self, operator: Operator, **changes: Any) -> Iterator[WalkStep]:
         """Its motion."""
-        x = y = yaw = 0.0
+        x = y = yaw = told_s = 0.0
+        last = Wish()
         for step in count():
             time_s = step * POLICY_DT
             truth = replace(
@@ -94,7 +105,11 @@ class Kinematic:
                 position_base_in_world=np.array([x, y, 0.3]),
                 quaternion_base_in_world=quaternion_from_roll_pitch_yaw(*np.array([0.0, 0.0, yaw])),
             )
-            wish = operator(time_s, truth)
+            wish = asks = operator(time_s, truth)
+            if asks.mode == CommandMode.WALK:
+                last, told_s = asks, time_s
+            elif time_s - told_s < self._stops_s:
+                wish = last  # it slides on
             walks = wish.mode == CommandMode.WALK and time_s >= trials.BEGINS_S
             asked = np.array([wish.ahead_mps, wish.left_mps, wish.turn_rps])
             ahead, left, turn = (asked + self._error) * walks
@@ -109,7 +124,7 @@ class Kinematic:
                 "mode": ControllerMode.WALK if walks else ControllerMode.STAND,
                 "touched": False,
             }
-            yield WalkStep(time_s=time_s, truth=truth, wish=wish, **given | changes)
+            yield WalkStep(time_s=time_s, truth=truth, wish=asks, **given | changes)
             x, y = x + POLICY_DT * velocity[0], y + POLICY_DT * velocity[1]
             yaw += POLICY_DT * turn
 
@@ -141,6 +156,63 @@ def test_a_robot_that_cannot_go_on_has_failed(
     robot = Kinematic(tmp_path)
     for judge in (trials.cross, trials.drill):
         assert judge(lambda operator: robot.run(operator, **change), 0).cause == cause
+
+
+def test_who_does_what_it_is_told_does_all_errands(tmp_path: Path) -> None:
+    robot = Kinematic(tmp_path)
+    for seed in range(3):
+        stopped = stop(robot.run, seed)
+        assert (stopped.cause, stopped.figures["way_m"]) == ("", pytest.approx(0.0, abs=0.02))
+        lined = line(robot.run, seed)
+        assert not lined.cause
+        assert lined.figures["offset_m"] < LINE_M
+        assert lined.figures["heading_deg"] < math.degrees(LINE_RAD)
+        for name in ROUTES:
+            led = follow(robot.run, seed, route(name, seed))
+            assert (led.cause, led.figures["goals"]) == ("", len(route(name, seed).goals))
+
+
+def test_errands_are_not_done_by_who_slides_or_drifts(tmp_path: Path) -> None:
+    sliding = Kinematic(tmp_path, stops_s=2.0)
+    stopped = stop(sliding.run, 0)
+    assert (stopped.cause, stopped.figures["way_m"]) == ("too_far", pytest.approx(2.0, abs=0.05))
+    drifting = Kinematic(tmp_path, (0.0, 0.8, 0.0))
+    assert line(drifting.run, 0).cause == "time_limit"
+    assert follow(drifting.run, 0, route("landing", 0)).cause == "left"
+
+
+@pytest.mark.parametrize("name", ROUTES)
+@pytest.mark.parametrize("seed", range(4))
+def test_there_is_ground_at_all_goals_of_a_route_and_it_is_as_long_as_said(
+    name: str, seed: int
+) -> None:
+    drawn = route(name, seed)
+    assert all(drawn.terrain.arrays.covers(*goal) for goal in ((0.0, 0.0), *drawn.goals))
+    low, high = {"landing": (4.0, 8.0), "course": (22.0, 29.0), "arena": (35.0, 45.0)}[name]
+    assert low < drawn.length_m < high
+    assert drawn == route(name, seed)
+
+
+def test_conditions_change_what_they_name_and_nothing_else() -> None:
+    changed = Conditions(friction=0.4, camera_late_s=0.15).trial(5)
+    assert changed == replace(Trial.draw(5), friction=0.4, camera_delay_s=0.15)
+    assert Conditions(push_ns=20.0).trial(5) == Trial.draw(5)
+
+
+def test_a_push_gives_the_trunk_its_impulse(tmp_path: Path) -> None:
+    model = put_policy(tmp_path / "walk.onnx")
+    flat = replace(make_terrain(TerrainConfig(terrain="flat")), start_x=-1.0, finish_x=-0.9)
+    setup = trials.WalkTrials(robot="go1", grid="scan", model=model).setup(flat, 0)
+    walker = Walker(setup.robot, JointPolicy(model))
+
+    def aside(push_ns: float) -> float:
+        steps = walk(
+            setup, [walker], TrueHeightSource(setup), lambda *_: Wish(),
+            CompiledTick(setup.robot), push_ns,
+        )  # fmt: skip
+        return max(abs(step.truth.velocity_base_in_world[1]) for step in islice(steps, 30))
+
+    assert aside(20.0) > aside(0.0) + 0.3  # 20 Ns on 12 kg, which the feet hold back in part
 
 
 def test_who_drifts_off_or_does_not_come_is_told_apart(tmp_path: Path) -> None:

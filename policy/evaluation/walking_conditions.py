@@ -1,0 +1,26 @@
+"""Conditions under which walking is tried, besides what each trial draws."""
+
+from dataclasses import dataclass, replace
+
+from saltus.trial import Trial
+
+
+@dataclass(frozen=True, kw_only=True)
+class Conditions:
+    """The usual ones, but for what is given."""
+
+    push_ns: float = 0.0
+    """One push sideways, at a place that the seed draws [Ns]."""
+    friction: float | None = None
+    """Between feet and ground, in place of the drawn one."""
+    camera_late_s: float | None = None
+    """From exposure to arrival of images, in place of the drawn time [s]."""
+
+    def trial(self, seed: int) -> Trial:
+        """The trial of a seed under them."""
+        trial = Trial.draw(seed)
+        if self.friction is not None:
+            trial = replace(trial, friction=self.friction)
+        if self.camera_late_s is not None:
+            trial = replace(trial, camera_delay_s=self.camera_late_s)
+        return trial
