@@ -26,7 +26,7 @@ def inverses_of(inverse: Floats, sets: int) -> Floats:
     shape (joints, joints, windows, branches, sets), as all here takes them.
     """
     each = inverse.transpose(2, 3, 0, 1)[..., None]
-    return np.ascontiguousarray(np.broadcast_to(each, (*each.shape[:-1], sets)))
+    return np.array(np.broadcast_to(each, (*each.shape[:-1], sets)), order="C")
 
 
 def with_inertia(inverse: Floats, added: Floats) -> Floats:
@@ -80,9 +80,8 @@ def rubbed(
     least = -limit
     np.minimum(np.maximum(impulse, least, out=impulse), limit, out=impulse)
     fast, shape = joint_by_joint(velocity + accelerated(inverse, impulse)), velocity.shape
-    pushes, low, high = (
-        joint_by_joint(np.broadcast_to(each, shape)) for each in (impulse, least, limit)
-    )
+    pushes = joint_by_joint(impulse)
+    low, high = (joint_by_joint(np.broadcast_to(each, shape)) for each in (least, limit))
     gives, bends = (
         None if each is None else joint_by_joint(np.broadcast_to(each, shape))
         for each in (give, bent)
