@@ -177,6 +177,22 @@ class ScanPredictor:
         height, half_width = (np.asarray(sampled(values, place)[0], np.float64) for values in told)
         return Ground(height - base[0, 2], half_width, _last_seen(state.seen_s[0], place[0]))
 
+    def above(self, pose: Pose, points: Singles) -> Floats:
+        """How far the ground that images showed is above points, by the map alone [m], shape (n,).
+
+        NaN where no image showed it.
+
+        Args:
+            pose: Of the base by the same odometry, now.
+            points: In the base frame [m], shape (n, 3).
+        """
+        state, _ = self._known
+        there = points @ pose.rotation[0].T + pose.position[0] + state.correction[0]
+        place = places(there[None, :, :2], state.corner, self._settings)
+        gap = np.asarray(sampled(state.height, place)[0] - there[:, 2], np.float64)
+        shown = np.asarray(state.seen_s > 0.5 * NEVER_S, np.float32)
+        return np.where(sampled(shown, place)[0] > 0.99, gap, np.nan)
+
 
 def _last_seen(seen_s: Singles, place: Floats) -> Floats:
     """When a point last fell into the cell of each place, or one beside it [s].

@@ -124,6 +124,13 @@ class ScanService:
         """The newest answer."""
         return self._last
 
+    @property
+    def sole(self) -> float:
+        """Height of a standing foot's centre above the ground as images show it [m]: its radius,
+        less what it sinks by; 0 of a robot without legs.
+        """
+        return 0.0 if self._rolling is None else self._rolling.sole
+
     def reset(self) -> None:
         """Forgets everything: for a robot that has started anew."""
         self._watches = {name: ImageWatch(self._depth) for name in self._rig.cameras}
@@ -165,6 +172,7 @@ class ScanService:
         for camera, frame in by_camera.items():
             self._accept(camera, frame, now_ns)
         self._look(state)
+        self._stand(state)
         self._last = self._heightmap(state, self._status(state, now_ns))
         return self._last
 
@@ -244,8 +252,15 @@ class ScanService:
         centres = self._legs.position(np.asarray(state.joint_position, np.float64))[
             np.asarray(state.leg_trusted)
         ]
-        under = centres - self._rig.robot.foot_radius * self._trail.now.rotation[2]
+        under = centres - self.sole * self._trail.now.rotation[2]
         return np.concatenate([under.astype(np.float32), told])
+
+    def _stand(self, state: RobotState) -> None:
+        """Tells how far standing feet are below the ground that images showed there."""
+        if self._rolling is not None and self._predictor.images:
+            feet = self._feet(state)[: int(np.sum(state.leg_trusted))]
+            gap = self._predictor.above(self._trail.now.pose, feet)
+            self._rolling.stand(gap[np.abs(gap) < self._map.gate_m])
 
     def _time_s(self, time_ns: int) -> float:
         """A time on the clock of the map, which begins where the service did:

@@ -26,9 +26,9 @@ def robot(request: pytest.FixtureRequest) -> Robot:
     return load_robot(request.param)
 
 
-def rolling(robot: Robot, rng: np.random.Generator) -> tuple[RobotState, np.ndarray]:
-    """A state in which one drawn foot rolls and the base has any attitude and turn,
-    and the base's velocity.
+def rolling(robot: Robot, rng: np.random.Generator, sole: float) -> tuple[RobotState, np.ndarray]:
+    """A state in which one drawn foot, whose centre is `sole` above the ground, rolls and the base
+    has any attitude and turn, and the base's velocity.
 
     MuJoCo says how the shank turns and the foot moves.
     """
@@ -43,8 +43,8 @@ def rolling(robot: Robot, rng: np.random.Generator) -> tuple[RobotState, np.ndar
     mujoco.mj_forward(model, data)
     moves, geom = np.zeros(6), model.geom(f"{LEGS[leg]}_foot").id
     mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_GEOM, geom, moves, 0)
-    # While the base only turns: the ball's lowest point is to rest
-    velocity = np.cross(moves[:3], [0.0, 0.0, robot.foot_radius]) - moves[3:]
+    # While the base only turns: what is under the ball's centre at the ground is to rest
+    velocity = np.cross(moves[:3], [0.0, 0.0, sole]) - moves[3:]
     state = replace(
         standing_state(robot),
         quaternion_base_in_world=np.asarray(attitude),
@@ -59,9 +59,11 @@ def rolling(robot: Robot, rng: np.random.Generator) -> tuple[RobotState, np.ndar
 @pytest.mark.parametrize("seed", range(8))
 def test_what_is_missing_is_what_a_rolling_foot_adds(robot: Robot, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    state, velocity = rolling(robot, rng)
+    sole = rng.uniform(0.0, 1.0) * robot.foot_radius if seed % 2 else robot.foot_radius
+    state, velocity = rolling(robot, rng, sole)
     off = rng.uniform(-0.6, 0.6, 3) * MOST_MPS
     feet = RollingFeet(robot)
+    feet.sole = sole
     told = replace(state, velocity_base_in_world=velocity - off)
     for _ in range(STEPS):
         missing = feet.missing(told)
@@ -71,7 +73,7 @@ def test_what_is_missing_is_what_a_rolling_foot_adds(robot: Robot, seed: int) ->
 
 
 def test_a_foot_that_slips_tells_nothing(robot: Robot) -> None:
-    state, velocity = rolling(robot, np.random.default_rng(0))
+    state, velocity = rolling(robot, np.random.default_rng(0), robot.foot_radius)
     slips = replace(state, velocity_base_in_world=velocity + np.array([1.01 * MOST_MPS, 0.0, 0.0]))
     feet = RollingFeet(robot)
     for _ in range(STEPS):
@@ -79,7 +81,20 @@ def test_a_foot_that_slips_tells_nothing(robot: Robot) -> None:
 
 
 def test_one_state_moves_the_mean_by_its_share(robot: Robot) -> None:
-    state, velocity = rolling(robot, np.random.default_rng(1))
+    state, velocity = rolling(robot, np.random.default_rng(1), robot.foot_radius)
     off = np.array([0.1, 0.0, 0.0])
     missing = RollingFeet(robot).missing(replace(state, velocity_base_in_world=velocity - off))
     np.testing.assert_allclose(missing, off * 0.01 / MEAN_S, atol=1e-9)
+
+
+@pytest.mark.parametrize("share", [-0.5, 0.0, 0.3, 0.7, 1.0, 1.5])
+def test_feet_that_sink_have_lower_soles(robot: Robot, share: float) -> None:
+    """They come to where the ground is, but are neither beyond the foot's centre nor its edge."""
+    rng, feet, radius = np.random.default_rng(2), RollingFeet(robot), robot.foot_radius
+    for _ in range(STEPS):
+        # Each leg's own error cancels out in the mean of four
+        errors = rng.normal(0.0, 0.002, 4)
+        feet.stand(feet.sole - share * radius + errors - errors.mean())
+        feet.stand(np.zeros(0))
+        assert 0.0 <= feet.sole <= radius
+    np.testing.assert_allclose(feet.sole, np.clip(share, 0.0, 1.0) * radius, atol=1e-4)

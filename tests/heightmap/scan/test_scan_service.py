@@ -20,7 +20,9 @@ from saltus.heightmap.scan.cameras import ScanCamera
 from saltus.heightmap.scan.predictor import ScanNetwork
 from saltus.heightmap.scan.shadows import deepened
 from saltus.heightmap.service.scan import FIRST, ScanRig, ScanService
+from saltus.robots.legs import LegKinematics
 from saltus.robots.mount import Mount
+from saltus.rotations import rotation_matrix
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus
 
 DOWN = Mount(position=np.array([0.25, 0.0, 0.1]), pitch=0.8)
@@ -130,6 +132,25 @@ def test_a_planner_of_jumps_is_told_of_shadows(network: ScanNetwork, world: Plan
     for given, lowered in zip(plain, told, strict=True):
         expected = deepened(given.height, given.half_width_90, LINE)
         np.testing.assert_array_equal((lowered.height, lowered.half_width_90), expected)
+
+
+@pytest.mark.parametrize("sunk_m", [0.0, 0.007, 0.014])
+@pytest.mark.parametrize("attitude", [(0.0, 0.0, 0.0), (0.05, -0.1, 1.0)])
+def test_images_tell_how_deep_standing_feet_sink(
+    network: ScanNetwork, sunk_m: float, attitude: tuple[float, float, float]
+) -> None:
+    """Their undersides are then on the ground that images show, whatever the attitude."""
+    above = Mount(position=np.array([0.0, 0.0, 0.3]), pitch=1.5)
+    world = PlaneWorld(attitude=attitude)
+    under = LegKinematics(ROBOT).position(ROBOT.stand_pose) @ rotation_matrix(world.quaternion).T
+    lowest = np.abs(under[:, 2] - under[:, 2].min()) < 1e-9
+    world = replace(world, height=float(ROBOT.foot_radius - sunk_m - under[:, 2].min()))
+    service = ScanService(network, rig(above, robot=ROBOT))
+    assert service.sole == ROBOT.foot_radius
+    for step in range(120):
+        state = world.state(step, ROBOT, leg_trusted=lowest)
+        service.step(state, images(world, {FIRST: above}, step), state.time_ns)
+    np.testing.assert_allclose(service.sole, ROBOT.foot_radius - sunk_m, atol=0.003)
 
 
 def test_empty_images_are_not_used_and_say_so(network: ScanNetwork) -> None:
