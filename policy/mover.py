@@ -1,6 +1,7 @@
 """Movers make the planner's answer of what it has decided: a plan for jumps, or joint targets."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
 
@@ -19,6 +20,20 @@ Velocity = tuple[float, float, float]
 AT_REST: Velocity = (0.0, 0.0, 0.0)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Decision:
+    """The planner's decision at a state of the robot, which a mover answers."""
+
+    state: RobotState
+    heights: Floats | None
+    """On the grid of the run, relative to the base [m]; None unless the status is GO."""
+    velocity: Velocity
+    """As commanded."""
+    status: PlanStatus = PlanStatus.GO
+    reason: str = ""
+    """Why the status is not GO."""
+
+
 class Mover(Protocol):
     """One way to move."""
 
@@ -27,23 +42,8 @@ class Mover(Protocol):
     waits: bool
     """It does not move before the first command."""
 
-    def plan(
-        self,
-        state: RobotState,
-        heights: Floats | None,
-        velocity: Velocity,
-        status: PlanStatus,
-        reason: str,
-    ) -> AnyPlan:
-        """Answers a state.
-
-        Args:
-            state: Of the robot.
-            heights: On the grid of the run, relative to the base [m], where the status is GO.
-            velocity: As commanded.
-            status: Already decided.
-            reason: Why the status is not GO.
-        """
+    def plan(self, decision: Decision) -> AnyPlan:
+        """Answers a state."""
         ...
 
     def slows(self, state: RobotState) -> bool:
@@ -74,21 +74,17 @@ class Jumper:
         self._planner, self._places = planner, slice(None) if places is None else places
         self._goes = False
 
-    def plan(
-        self,
-        state: RobotState,
-        heights: Floats | None,
-        velocity: Velocity,
-        status: PlanStatus,
-        reason: str,
-    ) -> MotionPlan:
+    def plan(self, decision: Decision) -> MotionPlan:
         """See `Mover.plan`; it goes at a speed of its own."""
-        del velocity
+        state, status = decision.state, decision.status
         begins, plan = not self._goes, REST
         self._goes = status == PlanStatus.GO
-        if heights is not None:
-            plan = self._planner.step(self._observe(state), heights[self._places], begins)
-        return plan_message(plan, status, time_ns=state.time_ns, step=state.step, reason=reason)
+        if decision.heights is not None:
+            heights = decision.heights[self._places]
+            plan = self._planner.step(self._observe(state), heights, begins)
+        return plan_message(
+            plan, status, time_ns=state.time_ns, step=state.step, reason=decision.reason
+        )
 
     def slows(self, state: RobotState) -> bool:
         """Never: the controller lands it."""

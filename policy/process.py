@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.grid import HeightGrid
-from saltus.policy.mover import AT_REST, Mover
+from saltus.policy.mover import AT_REST, Decision, Mover
 from saltus.runtime.ticker import freshness
 from saltus.wire.messages import (
     AnyPlan,
@@ -171,7 +171,15 @@ class PlannerProcess:
         heights = None
         if self._status == PlanStatus.GO and self._heightmap is not None:
             heights = np.asarray(self._heightmap.height, dtype=np.float64)
-        return self._mover.plan(state, heights, self._velocity, self._status, self._reason)
+        return self._mover.plan(
+            Decision(
+                state=state,
+                heights=heights,
+                velocity=self._velocity,
+                status=self._status,
+                reason=self._reason,
+            )
+        )
 
 
 def _resting(mode: CommandMode) -> PlanStatus:

@@ -16,11 +16,11 @@ from saltus.policy.joints.observation import (
     standing_height,
 )
 from saltus.policy.joints.policy import JointPolicy
-from saltus.policy.mover import Velocity
+from saltus.policy.mover import Decision, Velocity
 from saltus.robots.robot import JOINTS, Robot
 from saltus.rotations import rotation_matrix
 from saltus.states import standing_state
-from saltus.wire.messages import CommandMode, ControllerMode, JointPlan, PlanStatus, RobotState
+from saltus.wire.messages import CommandMode, ControllerMode, JointPlan, RobotState
 
 RISE_NS = 600_000_000
 """Time from the standing pose of the controller to that of the policy, which for a Go1 is 4 cm
@@ -66,29 +66,23 @@ class Walker:
         self._act(standing_state(robot), self._blind, (0.0, 0.0, 0.0))  # the first call takes long
         self._stopping_ns: int | None = None
 
-    def plan(
-        self,
-        state: RobotState,
-        heights: Floats | None,
-        velocity: Velocity,
-        status: PlanStatus,
-        reason: str,
-    ) -> JointPlan:
+    def plan(self, decision: Decision) -> JointPlan:
         """See `saltus.policy.mover.Mover.plan`."""
-        if any(velocity):
+        state = decision.state
+        if any(decision.velocity):
             self._stopping_ns = None
-        if heights is None or state.mode not in UNDER_WAY:
+        if decision.heights is None or state.mode not in UNDER_WAY:
             self._begin(state)
         else:
-            self._move(state, heights, velocity)
+            self._move(state, decision.heights, decision.velocity)
         return JointPlan(
             time_ns=state.time_ns,
             step=state.step,
-            status=status,
+            status=decision.status,
             joint_position=self._targets,
             kp=self._kp,
             kd=self._kd,
-            reason=reason,
+            reason=decision.reason,
         )
 
     def slows(self, state: RobotState) -> bool:

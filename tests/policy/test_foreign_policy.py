@@ -21,10 +21,11 @@ from saltus.onnx_export import write_onnx
 from saltus.policy.joints.description import Part, PolicyDescription
 from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.joints.walker import RISE_NS, Walker
+from saltus.policy.mover import Decision
 from saltus.robots.robot import JOINTS
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.states import standing_state
-from saltus.wire.messages import ControllerMode, PlanStatus, RobotState
+from saltus.wire.messages import ControllerMode, RobotState
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "foreign_policy.toml"
 STEP_NS = 10_000_000
@@ -146,7 +147,7 @@ def test_any_description_is_told_in_its_order_and_its_targets_are_ours(
     first = RISE_NS // STEP_NS + 1
     for step in [0, *range(first, first + 12, 2)]:
         now = state(step, rng, ControllerMode.WALK if step else ControllerMode.STAND)
-        plan = walker.plan(now, heights, command, PlanStatus.GO, "")
+        plan = walker.plan(Decision(state=now, heights=heights, velocity=command))
         if not step:
             continue
         past.append(told_by_hand(described, now, action, heights, command))
@@ -194,7 +195,8 @@ def test_our_own_policy_told_as_somebody_elses_walks_the_same(tmp_path: Path) ->
     for step in [0, *range(first, first + 40, 2)]:
         now = state(step, rng, ControllerMode.WALK if step else ControllerMode.STAND)
         heights = rng.normal(size=SCAN.size) * 0.1 - 0.3
-        plans = [w.plan(now, heights, (0.5, 0.0, 0.1), PlanStatus.GO, "") for w in (own, other)]
+        decision = Decision(state=now, heights=heights, velocity=(0.5, 0.0, 0.1))
+        plans = [walker.plan(decision) for walker in (own, other)]
         np.testing.assert_allclose(plans[1].joint_position, plans[0].joint_position, atol=1e-4)
 
 
