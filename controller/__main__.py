@@ -137,25 +137,31 @@ class ControllerRun:
                 if resting >= STEPS_AT_REST:
                     break
 
+    @property
+    def _doubt(self) -> str:
+        """Why the robot is given up, damped or landing; empty while it is not."""
+        return self._robot.fault or self._robot.concern
+
     def _finished(self) -> bool:
         lost = self._steps_lost >= STEPS_AT_REST
         return self._context.stopped or self._progress.over or lost
 
     def _act(self, now_ns: int) -> None:
-        halt = self._progress.halt or self._interrupted or bool(self._robot.fault)
+        doubt = self._doubt
+        halt = self._progress.halt or self._interrupted or bool(doubt)
         plan, age_s = self._plans.newest(now_ns, halt=halt)
         self._robot.write(self._loop.act(plan, age_s))
         if self._loop.mode != self._mode:
             self._mode = self._loop.mode
-            reason = "the run is over" if halt else self._plans.reason(now_ns)
+            reason = doubt or ("the run is over" if halt else self._plans.reason(now_ns))
             self._context.event(f"mode_{self._mode.name.lower()}", reason)
 
     def _close_step(self, start_ns: int) -> None:
         self._joints.put(self._loop.take_joint_log(start_ns, self._step))
         self._step += 1
-        if self._robot.fault:
+        if doubt := self._doubt:
             if not self._steps_lost:
-                self._context.event("robot_lost", self._robot.fault)
+                self._context.event("robot_lost", doubt)
             self._steps_lost += 1
         before = self._progress
         self._progress = self._course.step(

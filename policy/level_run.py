@@ -20,7 +20,7 @@ class LevelRun:
     """One robot, one call every 2 ms.
 
     It rises first. Then the leg controller has the robot, its watchdog too: it damps a robot that
-    tips over.
+    tips over. A robot with a concern (`RobotBackend.concern`) lands and stands.
 
     Args:
         backend: The robot, which has been reset.
@@ -61,7 +61,9 @@ class LevelRun:
         self.peak_power_w = max(self.peak_power_w, power_w)
         self._loop.sense(reading)
         if self._ticks % POLICY_STEPS == 0 and self._loop.risen:
-            self._plan = self._planned(PlanStatus.STAND if halt else PlanStatus.GO)
+            self._plan = self._planned(
+                PlanStatus.STAND if halt or self._backend.concern else PlanStatus.GO
+            )
         self._backend.write(self._loop.act(self._plan, np.inf if self._plan is None else 0.0))
         self._loop.take_joint_log(0, 0)
         self._ticks += 1

@@ -20,6 +20,7 @@ from saltus.controller.robot.unitree.truth import read_truth
 from saltus.errors import StackError
 from saltus.robots.robot import JOINTS
 from saltus.rotations import rotation_matrix
+from saltus.wire.messages import ControllerMode
 
 NO_FAULTS = ("button", "mode")
 """Kinds that are none: a person ends the run, or the robot is released."""
@@ -81,21 +82,24 @@ def runs(seeds: int) -> list[dict[str, Any]]:
 
 
 def _row(kind: str, ran: list[dict[str, Any]]) -> dict[str, Any]:
-    damped = [each["damped_s"] for each in ran if each["damped_s"] is not None]
+    took = [each["took_s"] for each in ran if each["took_s"] is not None]
     return {
         "kind": kind, "runs": len(ran), "upright": sum(each["upright"] for each in ran),
-        "damped": len(damped), "within 110 ms": sum(took <= DAMPED_S for took in damped),
-        "slowest_ms": round(1000 * max(damped), 1) if damped else None,
+        "damped": sum(each["how"] == "damped" for each in ran),
+        "landed": sum(each["how"] == "landed" for each in ran),
+        "within 110 ms": sum(each <= DAMPED_S for each in took),
+        "slowest_ms": round(1000 * max(took), 1) if took else None,
         "sent beside others": sum(each["sent_beside_others"] for each in ran),
         "said": sorted({each["said"] for each in ran if each["said"]})[:3],
     }  # fmt: skip
 
 
 def run_with(kind: str, seed: int) -> dict[str, Any]:
-    """A run with a fault from a random moment on: when it was damped after it [s] or None, and why.
+    """A run with a fault from a random moment on: what ended it and why, and after how long [s].
 
-    `upright` tells how it lay or stood in the end, `sent_beside_others` how many commands it was
-    sent while another program commanded it.
+    `joint` is where a fault at a joint was. `how` is "damped", "landed" (it begins to), or empty,
+    and then `took_s` is None. `upright` tells how it lay or stood in the end, `sent_beside_others`
+    how many commands it was sent while another program commanded it.
     """
     rng = np.random.default_rng([seed, 5])
     start_s, joint = float(rng.uniform(*BEGINS_S)), JOINTS[int(rng.integers(MOTORS))]
@@ -104,7 +108,7 @@ def run_with(kind: str, seed: int) -> dict[str, Any]:
     bounding.until(start_s - 2.0 * PHYSICS_DT)  # the robot's time is ahead by a tick
     if kind == "foreign":
         bounding.wire.strangers = ("another",)
-    beside, said, damped_s = 0, "", None
+    beside, said, how, took_s = 0, "", "", None
     while bounding.run.time_s < start_s + LASTS_S:
         are_others, before = bool(bounding.wire.others(COMMANDS)), len(bounding.wire.sent)
         try:
@@ -114,14 +118,22 @@ def run_with(kind: str, seed: int) -> dict[str, Any]:
             break
         beside += are_others * (len(bounding.wire.sent) - before)
         bounding.wire.tick()
-        if damped_s is None and _is_damping(bounding.wire.sent[-1]):
-            damped_s, said = bounding.run.time_s - start_s, bounding.robot.fault
+        if took_s is None and (how := _how(bounding)):
+            took_s, said = bounding.run.time_s - start_s, bounding.robot.fault
+        said = said or bounding.robot.concern
     truth = read_truth(bounding.wire.robot.truth()).motion
     up = rotation_matrix(truth["quaternion_base_in_world"])[2, 2]
     return {
-        "damped_s": damped_s, "said": "".join(c for c in said if not c.isdigit()),
+        "joint": joint, "how": how, "took_s": took_s, "said": "".join(c for c in said if not c.isdigit()),
         "upright": bool(up > UPRIGHT), "sent_beside_others": beside,
     }  # fmt: skip
+
+
+def _how(bounding: Bounding) -> str:
+    """How a robot is brought to rest; empty while it bounds."""
+    if _is_damping(bounding.wire.sent[-1]):
+        return "damped"
+    return "landed" if bounding.run.mode == ControllerMode.LANDING else ""
 
 
 def _is_damping(payload: bytes) -> bool:

@@ -25,6 +25,13 @@ class Reading:
 class RobotBackend(ABC):
     """The link to one robot. All calls come from one thread, every 2 ms."""
 
+    @property
+    def concern(self) -> str:
+        """Reason for which the robot had better land and stand,
+        in words; empty while it need not.
+        """
+        return ""
+
     @abstractmethod
     def reset(self) -> None:
         """Connects, or puts the simulated robot where its trial starts."""

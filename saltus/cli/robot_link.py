@@ -256,7 +256,7 @@ class Run(PaceOptions, LinkOptions):
     """Begin at once, and release the robot's own motion service; else press Enter."""
 
     def run(self) -> int:
-        """Runs it and says how it ended; 1 where the robot was lost or tipped over."""
+        """Runs it and says how it ended; 1 where the robot was lost, had to land or tipped over."""
         check_speed(self.speed)
         kind = self.loaded()
         from saltus.clock import RunClock
@@ -292,7 +292,7 @@ class Run(PaceOptions, LinkOptions):
             run, ends_s = self._begun(robot, kind)
             peak_a, least_v = 0.0, math.inf
             try:
-                while run.time_s < ends_s and not robot.fault:
+                while run.time_s < ends_s and not (robot.fault or robot.concern):
                     wait()
                     run.step()
                     peak_a = max(peak_a, float(robot.message["power_a"]))
@@ -303,13 +303,15 @@ class Run(PaceOptions, LinkOptions):
                     wait()
                     run.step(halt=True)
         mode, health = run.mode.name, robot.health
+        ended = f"damped, as {robot.fault}" if robot.fault else mode
+        before = f", as {robot.concern}" if robot.concern and not robot.fault else ""
         print(
-            f"{f'damped, as {robot.fault}' if robot.fault else mode} after {run.time_s:.1f} s; "
+            f"{ended}{before} after {run.time_s:.1f} s; "
             f"{health.lost} of {health.states + health.lost} states lost; "
             f"at most {run.peak_power_w:.0f} W at the joints, {peak_a:.1f} A from the battery, "
             f"which fell to {least_v:.1f} V, by the robot's own word"
         )
-        return 1 if robot.fault or (mode == "DAMP" and self.stage in STAGES) else 0
+        return 1 if robot.fault or robot.concern or (mode == "DAMP" and self.stage in STAGES) else 0
 
     def _begun(
         self, robot: "UnitreeRobot", kind: "Robot"

@@ -126,7 +126,7 @@ def _tell(path: Path, restarts: dict[str, int]) -> bool:
     lost = [event.detail for event in recording.of(Event) if event.code == "robot_lost"]
     print(sentence(summarise(recording)))
     for why in lost:
-        print(f"the robot was given up and damped: {why}")
+        print(f"the robot was given up: {why}")
     for process, times in restarts.items():
         if times:
             print(f"{process} was started again {times} times")

@@ -51,7 +51,10 @@ CODES: dict[str, tuple[str, str]] = {
         )
         for mode in ControllerMode
     },
-    "robot_lost": ("controller", "a robot over DDS is given up and damped; the detail says why"),
+    "robot_lost": (
+        "controller",
+        "a robot over DDS is given up, and damped or landed; the detail says why",
+    ),
     "finished": ("controller", "the robot is at the end of its course"),
     "fell": ("controller", "the trial has failed: trunk on the ground, or not upright"),
     "timeout": ("controller", "the trial has failed: its time is over"),

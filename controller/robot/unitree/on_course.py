@@ -67,6 +67,11 @@ class UnitreeOnCourse(CourseRobot):
         """See `CourseRobot.fault`."""
         return self._robot.fault
 
+    @property
+    def concern(self) -> str:
+        """See `RobotBackend.concern`."""
+        return self._robot.concern
+
     def reset(self) -> None:
         """Waits until the robot says states and truth.
 

@@ -48,13 +48,18 @@ class UnitreeRobot(RobotBackend):
     ) -> None:
         self._link, self._robot, self._clock = link, robot, clock or RunClock()
         self._limits, self._lockstep = limits, lockstep
-        self._watch = StateWatch()
+        self._watch = StateWatch(robot)
         self._told = self._awaited = False
 
     @property
     def fault(self) -> str:
         """Why the robot is damped, in words; empty while it is not."""
         return self._watch.fault
+
+    @property
+    def concern(self) -> str:
+        """See `RobotBackend.concern`."""
+        return self._watch.concern
 
     @property
     def health(self) -> Health:
@@ -78,7 +83,7 @@ class UnitreeRobot(RobotBackend):
         Raises:
             StackError: none come, or another program commands the robot.
         """
-        self._watch, self._awaited = StateWatch(), False
+        self._watch, self._awaited = StateWatch(self._robot), False
         begin_s = time.monotonic()
         while self._watch.message is None or not self._link.has_met_all:
             if time.monotonic() > begin_s + CONNECT_S:

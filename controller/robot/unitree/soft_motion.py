@@ -11,6 +11,7 @@ from saltus.arrays import Floats
 from saltus.controller.robot.unitree.listening import Check, ticks_of
 from saltus.controller.robot.unitree.messages import MOTORS, SERVO
 from saltus.controller.robot.unitree.robot import UnitreeRobot
+from saltus.controller.robot.unitree.states import LATE_S
 from saltus.joint_command import JointCommand
 from saltus.robots.robot import JOINTS, Robot
 from saltus.sim.held_robot import HeldRobot
@@ -33,9 +34,6 @@ OFF_NM = 1.5
 """Torques may differ from the model's weights by this: cables, friction that does not average."""
 FOLLOWS_RAD = 0.15
 """Friction and weight, against KP, leave half of it."""
-LATE_S = 0.020
-"""The leg law is tuned to drives that answer within 10 ms; at twice that it still stands and
-lands."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

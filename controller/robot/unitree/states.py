@@ -1,21 +1,31 @@
 """States of a robot as they come: which are taken over,
-what is counted, and when the robot is lost.
+what is counted, and when the robot is lost or had better land.
 """
 
 import math
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 
 from saltus.controller.robot.unitree.drives import MS
 from saltus.controller.robot.unitree.messages import LOW_STATE, Message, is_intact
+from saltus.controller.robot.unitree.trouble import contradiction, trouble
 from saltus.errors import MessageError
+from saltus.robots.robot import Robot
 
 TICK_MS = 2
 """Clock of a robot that says 500 states a second, from one to the next."""
 LOST_S = 0.05
 """A robot that has said nothing new for 25 states is lost: on a busy computer the slowest of 1,000
 comes 3.4 ms late, and 110 ms is what a fault may take altogether."""
+LATE_S = 0.020
+"""The leg law is tuned to drives that answer within 10 ms; at twice that it still stands and lands.
+"""
+LATE_STATES = 10
+"""States that come late one after the other until it is no single packet any more."""
+GAPS, GAPS_S = 4, 0.1
+"""Places at which states are missing, and the time in which they are: a computer that was busy for
+a moment leaves one."""
 DRIFT = 1e-4
 """Seconds per second by which two clocks may part: ten times what quartzes do."""
 BUTTONS = slice(2, 4)
@@ -38,13 +48,23 @@ class Health:
 
 
 class StateWatch:
-    """The newest state of one robot, and the first reason not to go on with it."""
+    """The newest state of one robot, and the first reason not to go on with it.
 
-    def __init__(self) -> None:
+    Args:
+        robot: Its kind: what its motors, battery, joints and IMU say is judged, too. By default
+            only whether states come.
+    """
+
+    def __init__(self, robot: Robot | None = None) -> None:
+        self._robot = robot
         self.message: Message | None = None
         """The newest state, shape ()."""
         self.fault = ""
         """Why the robot is lost, in words; empty while it is not. It stays."""
+        self.concern = ""
+        """Why it had better land and stand, in words; empty while it need not. It stays."""
+        self._gaps_ms: deque[int] = deque(maxlen=GAPS)
+        self._states_late = 0
         self._arrived_s = 0.0
         self._states = self._missing = self._still = 0
         self._bad: Counter[str] = Counter()
@@ -85,10 +105,17 @@ class StateWatch:
         self._behind_s = min(self._behind_s, behind_s)
         if self._late_s > LOST_S:
             self.lose(f"its states come {1000 * self._late_s:.0f} ms late")
+        self._states_late = self._states_late + 1 if self._late_s > LATE_S else 0
+        if self._states_late > LATE_STATES:
+            self.doubt(f"its states come {1000 * self._late_s:.0f} ms late")
 
     def lose(self, reason: str) -> None:
         """Gives up the robot; the first reason stays."""
         self.fault = self.fault or reason
+
+    def doubt(self, reason: str) -> None:
+        """Has the robot land; the first reason stays."""
+        self.concern = self.concern or reason
 
     def _follow(self, message: Message, now_s: float) -> None:
         last = self.message
@@ -97,17 +124,30 @@ class StateWatch:
             if passed_ms <= 0:
                 self._bad["old"] += 1
                 return
-            self._missing += max(0, passed_ms // TICK_MS - 1)
+            self._note_gap(int(message["tick"]), passed_ms)
             if passed_ms > 1000.0 * LOST_S:
                 self.lose(f"its clock has leapt by {passed_ms} ms")
             self._still = self._still + 1 if _equal(message, last) else 0
             if self._still * TICK_MS > 1000.0 * LOST_S:
                 self.lose(f"its clock goes on, but {self._still} states say the same")
+            if self._robot is not None:
+                self.lose(contradiction(message, last, self._robot))
+        if self._robot is not None:
+            self.doubt(trouble(message))
         if message["wireless_remote"][BUTTONS].any():
             self.lose("a button of the remote was pressed")
         self._behind_s += DRIFT * (now_s - self._arrived_s)
         self.message, self._arrived_s = message, now_s
         self._states += 1
+
+    def _note_gap(self, tick_ms: int, passed_ms: int) -> None:
+        if passed_ms <= TICK_MS:
+            return
+        self._missing += passed_ms // TICK_MS - 1
+        self._gaps_ms.append(tick_ms)
+        taken_ms = tick_ms - self._gaps_ms[0]
+        if len(self._gaps_ms) == GAPS and taken_ms <= 1000.0 * GAPS_S:
+            self.doubt(f"its states are missing at {GAPS} places within {taken_ms} ms")
 
 
 def _equal(message: Message, before: Message) -> bool:

@@ -15,6 +15,7 @@ from saltus.controller.robot.unitree.drives import (
 from saltus.controller.robot.unitree.faults import AT_A_JOINT, KINDS, Fault
 from saltus.controller.robot.unitree.messages import LOW_COMMAND, LOW_STATE, MOTORS, SERVO
 from saltus.controller.robot.unitree.robot import UnitreeRobot
+from saltus.controller.robot.unitree.states import StateWatch
 from saltus.errors import ConfigError, StackError
 from saltus.joint_command import JointCommand
 from saltus.robots.robot import JOINTS, Robot
@@ -28,8 +29,14 @@ LOSSES = {
     "button": "a button of the remote",
 }  # fmt: skip
 """Faults after which a robot is given up, and the words in which it is said."""
-BORNE = ("lost", "slow", "late", "hot", "battery")
-"""Faults with which a robot goes on; the preflight tells them."""
+BORNE = {
+    "lost": "missing at 4 places", "slow": "missing at 4 places", "late": "states come",
+    "hot": "the motor of FR_hip is at 95 degrees", "battery": "its battery is at 4 %",
+    "dead": "the motor of FR_hip says that it is off",
+}  # fmt: skip
+"""Faults with which a robot can still land and stand, and the words in which they are said."""
+LEAPS = {"sign": " leaps by ", "offset": " leaps by ", "imu": "its attitude leaps by 20 degrees"}
+"""Faults that make what a robot says of itself leap."""
 
 
 def turned(signs: int) -> Robot:
@@ -104,11 +111,42 @@ def test_a_robot_with_a_lesser_fault_stands_on(kind: str) -> None:
     run = Run(f"{kind}@0.5", seed=3)
     run.until(1.5)
     assert not run.robot.fault
+    assert BORNE[kind] in run.robot.concern
     measured = run.robot.read().measurement
-    np.testing.assert_allclose(measured.joint_position, ROBOT.stand_pose, atol=0.15)
+    if kind != "dead":
+        np.testing.assert_allclose(measured.joint_position, ROBOT.stand_pose, atol=0.15)
     lost = {"lost": (90, 220), "slow": (240, 260)}.get(kind, (0, 0))
     assert lost[0] <= run.robot.health.lost <= lost[1]
     assert run.robot.health.late_s == pytest.approx(0.030 if kind == "late" else 0.0, abs=0.005)
+
+
+@pytest.mark.sample(6)
+@pytest.mark.parametrize("joint", JOINTS)
+@pytest.mark.parametrize("kind", LEAPS)
+def test_what_leaps_is_named_in_the_next_state(kind: str, joint: str) -> None:
+    at = f":{joint}" if kind in AT_A_JOINT else ""
+    run = Run(f"{kind}{at}@0.5")
+    run.until(0.494)
+    assert not run.robot.fault
+    run.until(0.504)
+    told = LEAPS[kind] if kind == "imu" else f"{joint}{LEAPS[kind]}"
+    # A joint that stands at nothing counts the same both ways
+    moved = 2.0 * abs(float(ROBOT.stand_pose[JOINTS.index(joint)]))
+    assert told in run.robot.fault or (kind == "sign" and moved < 0.06)
+
+
+@pytest.mark.parametrize("states", [1, 5, 20])
+def test_a_busy_moment_is_no_concern(states: int) -> None:
+    """Some states that are lost at once, twice."""
+    robot, watch = simulated(), StateWatch(ROBOT)
+    for tick in range(300):
+        said = robot.step()
+        if not any(begin <= tick < begin + states for begin in (100, 200)):
+            watch.take(said, robot.time_s)
+        watch.judge(robot.time_s)
+    assert watch.health.lost == 2 * states
+    assert not watch.concern
+    assert not watch.fault
 
 
 def test_nothing_is_sent_while_another_program_commands_the_robot() -> None:
