@@ -392,10 +392,6 @@ def chunk_ends(path: Path) -> list[tuple[int, int]]:
             chunk = next(StreamReader(file, skip_magic=True, emit_chunks=True).records)
             assert isinstance(chunk, Chunk)
             count = sum(isinstance(record, Message) for record in breakup_chunk(chunk))
-            ends.append(
-                (
-                    index.chunk_start_offset + index.chunk_length,
-                    count + (ends[-1][1] if ends else 0),
-                )
-            )
+            before = ends[-1][1] if ends else 0
+            ends.append((index.chunk_start_offset + index.chunk_length, before + count))
     return ends

@@ -39,7 +39,6 @@ TOML_MAX = 4 * 2**20
 # Its parser takes minutes for thousands
 _LONG_NAME = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*\.[ \t]*){30}""")
 
-
 UNNAMED = {"robot": "go1", "grid": "line"}
 """Robot and grid of files that name none: they were written before there were others."""
 
@@ -305,9 +304,8 @@ def _merged(table: dict[str, Any], changes: Mapping[str, object]) -> dict[str, A
     for name, value in changes.items():
         own = table.get(name)
         if isinstance(value, dict) and isinstance(own, dict):
-            merged[name] = _merged(own, value)
-        else:
-            merged[name] = value
+            value = _merged(own, value)
+        merged[name] = value
     return merged
 
 
@@ -328,8 +326,7 @@ def _plain(value: object) -> Any:
 
 def _checked(hint: object, value: object, path: str) -> object:
     """Returns `value` as `hint` wants it; integers may stand for floats."""
-    origin = typing.get_origin(hint)
-    args = typing.get_args(hint)
+    origin, args = typing.get_origin(hint), typing.get_args(hint)
     if dataclasses.is_dataclass(hint) and isinstance(hint, type):
         if not isinstance(value, dict):
             raise ConfigError(f"'{path}' must be a table, not {value!r}")

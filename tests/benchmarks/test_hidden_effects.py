@@ -1,28 +1,20 @@
-import copy
 import dataclasses
-import json
 from collections import Counter
-from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from hidden_swing import swing
 
 from benchmarks.hidden_effects import (
-    cases,
-    experiments,
     joint_effects,
     mjcf,
-    parameters,
     plan,
     sizes,
     stances,
 )
 from benchmarks.hidden_effects.body import BodyScene
 from benchmarks.hidden_effects.camera import CameraScene
-from benchmarks.hidden_effects.damage import DAMAGES, damage
-from benchmarks.hidden_effects.followup import follow
-from benchmarks.hidden_effects.generate import generate_run
 from benchmarks.hidden_effects.joints import JointScene
 from benchmarks.hidden_effects.leg_kernel import STEP_S
 from benchmarks.hidden_effects.legs import (
@@ -34,11 +26,12 @@ from benchmarks.hidden_effects.legs import (
     simulate,
 )
 from benchmarks.hidden_effects.noise import coloured
-from benchmarks.hidden_effects.robot import JOINTS, LOWER, STAND, TORQUE_LIMIT, UPPER
+from benchmarks.hidden_effects.robot import JOINTS, LOWER, STAND, UPPER
 from benchmarks.hidden_effects.scene import Setting
-from benchmarks.hidden_effects.tables import RunFiles, joint_columns
 
 CAMERA = ("camera",)
+
+
 LEG = JOINTS[:3]
 
 
@@ -60,14 +53,6 @@ def camera_scene():
 
 def shown(scene: JointScene, residual: np.ndarray) -> float:
     return sizes.best_rms(scene, sizes.visible(scene, residual), LEG)
-
-
-def swing(rows: int) -> np.ndarray:
-    t = np.arange(rows) * 0.002
-    command = np.zeros((rows, 12, 3))
-    command[:, :, 0] = STAND + 0.3 * np.sin(2 * np.pi * 2 * t)[:, None] * np.tile([1, -0.7, 0.7], 4)
-    command[:, :, 2] = 0.5 * np.sin(7 * t)[:, None]
-    return command
 
 
 def swinging(rows: int, tick_steps: int) -> Rig:
@@ -260,48 +245,6 @@ def test_a_heavier_body_stands_lower_and_imu_effects_leave_it_alone(monkeypatch)
     assert np.linalg.norm(plain["acc"], axis=1).mean() == pytest.approx(9.81, rel=0.02)
 
 
-@pytest.mark.parametrize("name", DAMAGES)
-def test_damage_changes_a_log(name):
-    rng = np.random.default_rng(0)
-    t = np.arange(2000) * 0.002
-    measured, command = rng.normal(size=(2000, 12, 3)), swing(2000)
-    files = RunFiles(
-        meta={"kp": [30.0] * 12}, tables={"joints": joint_columns(t, measured, command)}
-    )
-    before = {column: values.copy() for column, values in files.tables["joints"].items()}
-    assert damage(files, name, rng)
-    after = files.tables["joints"]
-    same = all(len(before[c]) == len(after[c]) and np.all(before[c] == after[c]) for c in before)
-    assert not same or files.meta["kp"] != [30.0] * 12
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_plan_has_its_shares_and_every_effect(seed):
-    runs = plan.make_plan(seed, 220)
-    counts = Counter(run.category for run in runs)
-    assert counts == {"none": 44, "one": 99, "two": 44, "outside": 22, "damaged": 11}
-    everything = {name for names in plan.LIBRARY.values() for name in names}
-    assert everything == set(parameters.MAIN)
-    assert {effect for run in runs if run.category == "one" for effect in run.effects} == everything
-    assert len({run.name for run in runs}) == len(runs)
-    multiples = Counter(run.multiples[0] for run in runs if run.category == "one")
-    assert set(multiples) == set(plan.MULTIPLES)
-    assert runs == plan.make_plan(seed, 220)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_pairs_and_play_are_joints_alone_that_are_large_enough(seed):
-    runs = plan.make_plan(seed, 150, part="pairs_and_play")
-    assert runs == plan.make_plan(seed, 150, part="pairs_and_play")
-    counts = Counter(run.category for run in runs)
-    assert (counts["none"], counts["play"]) == (41, 21)
-    assert counts["one"] + counts["two"] == 88
-    assert {(run.kind, run.quiet, run.damage) for run in runs} == {("joints", False, "")}
-    assert min(m for run in runs for m in run.multiples) >= 3.0
-    assert {run.sizes[0] for run in runs if run.category == "play"} == set(plan.WIDTHS)
-    assert {run.effects for run in runs if run.category == "play"} == {("backlash",)}
-
-
 @pytest.mark.parametrize("motor_side", [0.0, 1.0])
 def test_play_is_logged_on_the_side_of_its_encoder(motor_side):
     """At the motor the law follows what is logged.
@@ -362,23 +305,6 @@ def test_a_part_of_noise_lasts(share):
     assert 0.5 * share < means < share + 0.02
 
 
-@pytest.mark.parametrize("count", [1, 7, 24, 200])
-def test_shares_sum_up(count):
-    assert len(plan.make_plan(0, count)) == count
-
-
-@pytest.mark.parametrize("kind", list(plan.KINDS))
-def test_tuning_never_sees_the_outside_effects_of_the_sealed_set(kind):
-    assert not set(plan.TUNING_OUTSIDE[kind]) & set(plan.SEALED_OUTSIDE[kind])
-    for tuning, names in ((True, plan.TUNING_OUTSIDE), (False, plan.SEALED_OUTSIDE)):
-        runs = [
-            r
-            for r in plan.make_plan(3, 300, tuning=tuning)
-            if r.category == "outside" and r.kind == kind
-        ]
-        assert {effect for run in runs for effect in run.effects} <= set(names[kind])
-
-
 @pytest.mark.parametrize("name", plan.SEALED_OUTSIDE["joints"])
 def test_outside_effects_of_joints_grow_from_nothing(joint_scene, name):
     setting = joint_scene.draw(name, LEG, np.random.default_rng(1))
@@ -395,73 +321,3 @@ def test_outside_effects_of_the_camera_grow_from_nothing(camera_scene, name):
     ideal, none, some = camera_scene.respond([(), (setting.sized(0.0),), (setting,)])
     assert np.allclose(ideal, none, atol=1e-3)
     assert sizes.best_rms(camera_scene, some - ideal, CAMERA) > 0.1
-
-
-@pytest.fixture(scope="module")
-def performer():
-    return JointScene(6, tuning=False, quiet=False, legs=(0,))
-
-
-@pytest.mark.sample(3)
-@pytest.mark.parametrize("name", list(experiments.JOINTS))
-def test_experiments_of_joints_stay_within_the_robot(name, performer):
-    scene = copy.deepcopy(performer)
-    command, segments = experiments.joint_commands(
-        name, scene.rig.control_dt, np.random.default_rng(0)
-    )
-    kp = scene.rig.kp
-    scene.perform(command, segments, experiments.STIFFER.get(name, 1.0))
-    assert np.all((scene.rig.command[..., 0] > LOWER) & (scene.rig.command[..., 0] < UPPER))
-    assert np.allclose(scene.rig.kp, experiments.STIFFER.get(name, 1.0) * kp, rtol=1e-3)
-    torque = np.abs(simulate(scene.rig, [Hidden()], legs=(0,))[0][:, :3, 2])
-    assert np.all(torque.max(axis=0) < 1.2 * TORQUE_LIMIT[:3])
-    assert segments[-1].end_s == pytest.approx(len(command) * scene.rig.control_dt)
-
-
-@pytest.fixture(scope="module")
-def run() -> plan.Run:
-    return next(r for r in plan.make_plan(1, 60, ("joints",)) if r.effects == ("torque_gain",))
-
-
-@pytest.fixture(scope="module")
-def generated(run, tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("first")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(JointScene, "library", ("torque_gain", "viscous_friction"))
-        generate_run(run, folder / "logs", folder / "truth", tuning=True)
-    return folder
-
-
-def test_a_log_repeats_and_tells_nothing_but_what_was_measured(
-    run, generated, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(JointScene, "library", ("torque_gain", "viscous_friction"))
-    generate_run(run, tmp_path / "logs", tmp_path / "truth", tuning=True)
-    first, second = (place / "logs" / run.name for place in (generated, tmp_path))
-    assert sorted(path.name for path in first.iterdir()) == ["joints.parquet", "meta.json"]
-    for path in first.iterdir():
-        assert path.read_bytes() == (second / path.name).read_bytes()
-    said = (first / "meta.json").read_text()
-    assert not [name for names in plan.LIBRARY.values() for name in names if name in said]
-    truth = json.loads((tmp_path / "truth" / f"{run.name}.json").read_text())
-    assert truth["multiples"][0] == pytest.approx(run.multiples[0])
-    assert "viscous_friction" in truth["rivals"][0]
-
-
-def test_a_robot_that_follows_up_is_the_same_robot(run, generated, tmp_path):
-    truth = json.loads((generated / "truth" / f"{run.name}.json").read_text())
-    verdict = {
-        "verdict": "set",
-        "sets": [["torque_gain", "armature"]],
-        "next_experiment": {"name": "slow_triangle"},
-    }
-    case = cases.Case(truth=truth, verdict=verdict, baselines={}, seconds=None)
-    assert follow(case, tmp_path)
-    first, second = (
-        json.loads((p / run.name / "meta.json").read_text()) for p in (generated / "logs", tmp_path)
-    )
-    motions = [claims.pop("excitation")["segments"] for claims in (first, second)]
-    assert first == second
-    assert {segment["condition"] for segment in motions[1]} == {"slow", "faster"}
-    verdict["next_experiment"] = {"name": "wall_two_ranges"}  # nothing to see for joints
-    assert not follow(case, tmp_path / "none")

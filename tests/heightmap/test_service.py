@@ -1,5 +1,4 @@
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,29 +6,14 @@ import numpy as np
 import pytest
 from heightmap_inputs import MS, WARMUP, frame, on_time, service_of, states
 from samples import ROBOT
+from service_runs import DEGRADED, INVALID, OK, WARMING, Faulty, bad_tick, clean, run, without
 
 from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.profile import Profile
-from saltus.errors import ModelError
-from saltus.heightmap.service import model_check
 from saltus.heightmap.service.image_watch import worse
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
-from saltus.heightmap.service.sight import Tick
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus
-
-OK, WARMING = HeightmapStatus.OK, HeightmapStatus.WARMING
-DEGRADED, INVALID = HeightmapStatus.DEGRADED, HeightmapStatus.INVALID
-
-
-def run(
-    service: HeightmapService, frames: dict[int, DepthFrame | None], steps: int
-) -> list[Heightmap]:
-    return [service.step(state, frames.get(state.step), state.time_ns) for state in states(steps)]
-
-
-def clean(steps: int) -> dict[int, DepthFrame | None]:
-    return {step: on_time(step) for step in range(steps)}
 
 
 def same(left: list[Heightmap], right: list[Heightmap]) -> bool:
@@ -169,59 +153,6 @@ def test_without_any_frame_it_becomes_invalid(model_path: Path) -> None:
     assert statuses[18:] == [INVALID] * 12
 
 
-class Faulty:
-    """A network whose output is bad at chosen ticks."""
-
-    def __init__(self, service: HeightmapService, bad: dict[int, Tick]) -> None:
-        self._network, self._bad, self._count = service._network, bad, -1
-        self.hidden_size, self.points = self._network.hidden_size, self._network.points
-        self.x, self.warmup_frames = self._network.x, self._network.warmup_frames
-        self.model_id, self.legs = self._network.model_id, self._network.legs
-        self.hidden_seen: list[np.ndarray] = []
-
-    def tick(self, *arguments: object) -> Tick:
-        self._count += 1
-        self.hidden_seen.append(arguments[-1])  # type: ignore[arg-type]
-        return self._bad.get(self._count) or self._network.tick(*arguments)  # type: ignore[arg-type]
-
-
-def bad_tick(where: str, value: float) -> Tick:
-    arrays = {
-        "height": np.zeros((1, 30)),
-        "half_width_90": np.full((1, 30), 0.1),
-        "hidden": np.zeros((1, 256)),
-    }
-    arrays[where][0, 3] = value
-    return Tick(**arrays)
-
-
-@pytest.mark.parametrize(
-    "bad",
-    [bad_tick(w, v) for w in ("height", "half_width_90", "hidden") for v in (np.nan, np.inf, -2.1)]
-    + [bad_tick("height", 2.1)],
-)
-def test_a_bad_output_is_bridged_and_its_hidden_state_dropped(model_path: Path, bad: Tick) -> None:
-    service = service_of(model_path)
-    service._network = faulty = Faulty(service, {50: bad})  # type: ignore[assignment]
-    answers = run(service, clean(60), 60)
-    assert answers[50].status == DEGRADED
-    assert np.array_equal(answers[50].height, answers[49].height)
-    np.testing.assert_array_equal(faulty.hidden_seen[51], faulty.hidden_seen[50])
-    assert {h.status for h in answers[51:]} == {OK}
-
-
-def test_three_bad_outputs_are_invalid_and_reset(model_path: Path) -> None:
-    service = service_of(model_path)
-    service._network = faulty = Faulty(
-        service, {50 + i: bad_tick("height", np.nan) for i in range(5)}
-    )  # type: ignore[assignment]
-    statuses = [h.status for h in run(service, clean(80), 80)]
-    assert statuses[50:55] == [DEGRADED, DEGRADED, INVALID, INVALID, INVALID]
-    assert not faulty.hidden_seen[53].any()
-    assert statuses[55] == WARMING
-    assert statuses[-1] == OK
-
-
 def test_a_robot_state_that_is_not_finite_does_no_lasting_harm(model_path: Path) -> None:
     service = service_of(model_path)
     service.step(states(1)[0], None, 0)
@@ -234,87 +165,6 @@ def test_a_robot_state_that_is_not_finite_does_no_lasting_harm(model_path: Path)
             assert answer.status == DEGRADED
             state.joint_position[4] = -1.8
     assert answer.status == OK
-
-
-@pytest.mark.parametrize("moves", [True, False])
-def test_an_output_that_never_changes_is_told_after_a_second_if_the_input_changes(
-    model_path: Path, moves: bool
-) -> None:
-    service = service_of(model_path)
-    frozen = Tick(np.full((1, 30), -0.27), np.full((1, 30), 0.02), np.zeros((1, 256)))
-    service._network = Faulty(service, dict.fromkeys(range(50, 200), frozen))  # type: ignore[assignment]
-    still = on_time(49)
-    assert still is not None
-    frames = {
-        step: good if moves or step < 50 or good is None else replace(good, depth=still.depth)
-        for step, good in clean(260).items()
-    }
-    answers = run(service, frames, 260)
-    told = {answer.step for answer in answers if answer.status == DEGRADED}
-    # the first of the same answers was the 50th; a still scene may well give the same answer
-    assert told == (set(range(151, 200)) if moves else set())
-    assert answers[-1].status == OK
-
-
-def test_the_same_output_in_fewer_ticks_than_a_second_is_no_fault(model_path: Path) -> None:
-    service = service_of(model_path)
-    frozen = Tick(np.full((1, 30), -0.27), np.full((1, 30), 0.02), np.zeros((1, 256)))
-    service._network = Faulty(service, dict.fromkeys(range(50, 151), frozen))  # type: ignore[assignment]
-    assert {answer.status for answer in run(service, clean(200), 200)[20:]} == {OK}
-
-
-def without(lost: Callable[[int], bool], steps: int) -> dict[int, DepthFrame | None]:
-    """Frames but those whose number is lost."""
-    return {step: f for step, f in clean(steps).items() if f is None or not lost(f.frame_id)}
-
-
-@pytest.mark.parametrize(
-    ("period", "status"), [(20, OK), (5, OK), (4, DEGRADED), (3, DEGRADED), (2, DEGRADED)]
-)
-def test_more_than_a_fifth_of_lost_frames_is_told(
-    model_path: Path, period: int, status: HeightmapStatus
-) -> None:
-    frames = without(lambda number: number > 60 and number % period == 0, 400)
-    statuses = [h.status for h in run(service_of(model_path), frames, 400)]
-    assert set(statuses[20:120]) == {OK}
-    assert set(statuses[250:]) == {status}
-
-
-@pytest.mark.sample(2)
-@pytest.mark.parametrize("seed", range(5))
-def test_five_percent_of_random_losses_change_no_status(model_path: Path, seed: int) -> None:
-    lost = np.random.default_rng(seed).uniform(size=1000) < 0.05
-    frames = without(lambda number: number > 20 and bool(lost[number]), 1000)
-    assert {h.status for h in run(service_of(model_path), frames, 1000)[60:]} == {OK}
-
-
-def test_status_is_back_a_second_after_many_losses(model_path: Path) -> None:
-    frames = without(lambda number: 60 < number <= 100 and number % 2 == 0, 400)
-    statuses = [h.status for h in run(service_of(model_path), frames, 400)]
-    last_seen = 2 * 101 + 5
-    assert statuses[last_seen] == DEGRADED
-    assert set(statuses[last_seen + 100 :]) == {OK}
-
-
-@pytest.mark.parametrize("burst", range(1, 50, 6))
-def test_a_burst_of_losses_costs_half_a_second_at_most(model_path: Path, burst: int) -> None:
-    frames = without(lambda number: 60 < number <= 60 + burst, 300)
-    statuses = [h.status for h in run(service_of(model_path), frames, 300)]
-    back = 2 * (61 + burst) + 5
-    assert set(statuses[back + 2 * (WARMUP - 1) :]) == {OK}
-    assert (statuses[back] == WARMING) == (burst > 5)
-
-
-@pytest.mark.parametrize("tick", [1, 3, WARMUP + 2])
-def test_a_model_with_one_bad_output_fails_its_check(
-    model_path: Path, tick: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    faulty = Faulty(service_of(model_path), {tick: bad_tick("height", np.nan)})
-    monkeypatch.setattr(model_check, "HeightmapNetwork", lambda *_: faulty)
-    with pytest.raises(
-        ModelError, match=f"after {tick} good images the heightmap is (not plausible|DEGRADED)"
-    ):
-        model_check.checked_model(ROBOT, model_path)
 
 
 @pytest.mark.sample(3)

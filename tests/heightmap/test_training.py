@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 import torch
 from samples import ROBOT
+from small_training import CONFIG, quick
 from synthetic_motion import gliding_episodes
 
 from saltus.cli.main import main as saltus
-from saltus.errors import ConfigError, ModelError, SaltusError
+from saltus.errors import ModelError, SaltusError
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.shards import DatasetError, dataset_hash, read_manifest, write_shard
 from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.settings import ModelConfig, PredictorTraining
+from saltus.heightmap.settings import PredictorTraining
 from saltus.heightmap.training import release as heightmap_release
 from saltus.heightmap.training import train as heightmap_train
 from saltus.heightmap.training.dataset import EpisodeStore, ImageNoise, run_window
@@ -27,8 +28,8 @@ from saltus.heightmap.training.validate import SETTLED_TICKS
 from saltus.resources import resource
 
 pytestmark = pytest.mark.usefixtures("short_calibration")
-SMALL = ModelConfig(channels=(2, 4, 4), hidden=32, head=(32,))
-CONFIG = PredictorTraining(updates=30, batch=8, window=50, device="cpu", model=SMALL)
+
+
 ONE = PredictorTraining(**{**vars(CONFIG), "updates": 1})
 
 
@@ -357,16 +358,6 @@ def test_a_checkpoint_that_cannot_be_written_is_said_before_any_work(
     assert not told
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [{"updates": 0}, {"batch": -2}, {"forgets": -0.1}, {"forgets": 1.5}, {"forgets": math.nan}],
-    ids=str,
-)
-def test_a_training_that_cannot_be_is_refused_by_name(wrong: dict[str, float]) -> None:
-    with pytest.raises(ConfigError, match=next(iter(wrong))):
-        PredictorTraining(**{**vars(CONFIG), **wrong})
-
-
 def test_a_training_forgets_as_often_as_it_is_told(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -407,72 +398,3 @@ def test_a_further_round_begins_with_what_was_learned(
     for name, weights in model.state_dict().items():
         if name != "correction":  # of intervals: it is fitted anew
             torch.testing.assert_close(weights, before[name])
-
-
-def quick(data: Path, out: Path) -> list[str]:
-    """The command of a training of one update."""
-    small = [
-        "--updates",
-        "1",
-        "--batch",
-        "2",
-        "--window",
-        "50",
-        "--device",
-        "cpu",
-        "--model.hidden",
-        "32",
-    ]
-    return ["heightmap", "train", "--data", str(data), "--out", str(out), *small]
-
-
-def test_a_file_changes_what_it_names_a_flag_wins_and_both_are_told(
-    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = tmp_path / "some.toml"
-    file.write_text('delivery = "at-once"\nbatch = 4\n[model]\nhead = [16]\n')
-    assert saltus([*quick(data, tmp_path / "f"), "--no-noise", "--config", str(file)]) == 0
-    model, origin = load_checkpoint(tmp_path / "f" / "heightmap.pt")
-    config = origin["config"]
-    assert (config["noise"], config["delivery"], config["batch"]) == (False, "at-once", 2)
-    assert model.config == ModelConfig(hidden=32, head=(16,))
-    said = capsys.readouterr().err.splitlines()[0]
-    assert said.startswith(
-        "settings other than by default: updates = 1 (1500), batch = 2 (32), window = 50 (100), "
-    )
-    assert "model.head = (16,) ((256, 256))" in said
-    assert "forgets" not in said
-
-
-def test_a_training_goes_on_with_its_own_settings_on_another_device(
-    data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert saltus([*quick(data, tmp_path), "--seed", "3", "--forgets", "0.1"]) == 0
-    before = (tmp_path / "heightmap.pt").read_bytes()
-    again = ["heightmap", "train", "--data", str(data), "--out", str(tmp_path)]
-    for more, told in (
-        ([], "as of the run that goes on"),
-        (["--save-every-s", "5"], "save_every_s = 5.0 (60.0)"),
-    ):
-        capsys.readouterr()
-        assert saltus([*again, *more]) == 0
-        assert told in capsys.readouterr().err.splitlines()[0]
-    assert saltus([*again, "--forgets", "0.2"]) == 2
-    assert (
-        "another training (config.forgets = 0.1, not 0.2)"
-        in capsys.readouterr().err.splitlines()[-1]
-    )
-    assert (tmp_path / "heightmap.pt").read_bytes() == before
-
-
-@pytest.mark.parametrize(
-    "text", ["updates = 0", "update = 5", "updates = [", "batch = 'many'", "seed = -1", "\xff"]
-)
-def test_a_file_that_cannot_be_used_is_refused_by_name(
-    tmp_path: Path, text: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = tmp_path / "some.toml"
-    file.write_bytes(text.encode("latin-1"))
-    assert saltus([*quick(tmp_path, tmp_path / "f"), "--config", str(file)]) == 2
-    assert str(file) in capsys.readouterr().err
-    assert [path.name for path in tmp_path.iterdir()] == ["some.toml"]

@@ -1,33 +1,28 @@
 """Laws of walking: frames, mirroring, observation and card, resets, errors of the scan, ground."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
+from numpy_and_torch import both
 from samples import ROBOT
 
 from saltus.dialects import dialect_of
 from saltus.grid import SCAN
 from saltus.policy.env.settings import LearningConfig
-from saltus.policy.evaluation.tracking import tracking_errors
 from saltus.policy.joints.description import PolicyDescription
 from saltus.policy.joints.observation import Observer, Sensed, gravity_in_base
 from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.training.train import Rank
-from saltus.policy.walking import commands
-from saltus.policy.walking.commands import draw_command, followed, in_command_frame
 from saltus.policy.walking.description import LAYOUT, SIZE, description_of, walking_pose
 from saltus.policy.walking.env import PRIVILEGED, WalkEnv
-from saltus.policy.walking.evaluation import SETTLING, STRIDE, evaluate
+from saltus.policy.walking.evaluation import evaluate
 from saltus.policy.walking.export import DeployedWalk
 from saltus.policy.walking.ground import MISSED_M, REACH_M, Ground, in_trench
-from saltus.policy.walking.rewards import TERMS, RewardInputs, reward_terms
 from saltus.policy.walking.scan_errors import ScanErrors
 from saltus.policy.walking.settings import (
-    CommandConfig,
     GroundConfig,
-    RewardConfig,
     ScanConfig,
     WalkConfig,
     WalkTrainConfig,
@@ -35,13 +30,15 @@ from saltus.policy.walking.settings import (
 from saltus.policy.walking.train import make_engine, train
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
-from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
+from saltus.rotations import rotation_matrix
 from saltus.terrain.boxes import Boxes
 
 N = 12
+
+
 GROUND = GroundConfig(shares={"plain": 0.5, "stairs": 0.5}, levels=2)
-OTHER_SIDE = [1, 0, 3, 2]
-"""Each leg's mirror image, in the order of `LEGS`."""
+
+
 CONFIG = WalkTrainConfig(
     robot="go1",
     robots=N,
@@ -61,126 +58,6 @@ def model(tmp_path_factory):
     folder = tmp_path_factory.mktemp("walk")
     train(CONFIG, folder, minutes=1.0, rank=Rank(), iterations=2)
     return folder / "walk.onnx"
-
-
-def both(function, *arrays):
-    """The result for numpy, which torch's has to equal."""
-    ours = function(*arrays)
-    theirs = function(*(torch.as_tensor(array) for array in arrays))
-    np.testing.assert_allclose(np.asarray(theirs), ours, atol=1e-12)
-    return ours
-
-
-def mirrored(vector, sign):
-    return np.asarray(vector) * np.asarray(sign)
-
-
-def mirrored_joints(values):
-    legs = np.asarray(values).reshape(-1, 4, 3)[:, OTHER_SIDE]
-    return (legs * [-1.0, 1.0, 1.0]).reshape(-1, 12)
-
-
-# commands
-
-
-def test_a_velocity_is_told_in_the_level_frame_that_turns_with_the_base():
-    rng = np.random.default_rng(0)
-    (roll, pitch), yaw = rng.uniform(-0.5, 0.5, (2, 50)), rng.uniform(-3.0, 3.0, 50)
-    rotation = rotation_matrix(quaternion_from_roll_pitch_yaw(roll, pitch, yaw))
-    ahead, aside, up = rng.normal(size=(3, 50))
-    cosine, sine = np.cos(yaw), np.sin(yaw)
-    world = np.stack([cosine * ahead - sine * aside, sine * ahead + cosine * aside, up], -1)
-    told = both(in_command_frame, world, rotation)
-    np.testing.assert_allclose(told, np.stack([ahead, aside, up], -1), atol=1e-12)
-
-
-def test_commands_stay_within_their_ranges_on_either_kind_of_ground():
-    config = CommandConfig()
-    draws = np.random.default_rng(1).uniform(size=(2000, commands.DRAWS.count))
-    for wide, ahead, aside, turn in (
-        (True, config.ahead_mps, config.aside_mps, config.turn_rps),
-        (False, config.along_mps, config.along_aside_mps, config.heading_rad),
-    ):
-        drawn, standing = draw_command(config, np.full(2000, wide), draws)
-        for column, (low, high) in enumerate((ahead, (-aside, aside), (-turn, turn))):
-            assert low <= drawn[:, column].min() < low + 0.1 * (high - low)
-            assert high >= drawn[:, column].max() > high - 0.1 * (high - low)
-        assert abs(standing.mean() - config.standing) < 0.03
-
-
-def test_who_is_to_stand_is_asked_for_nothing_and_others_turn_towards_their_way():
-    config, yaw = CommandConfig(), np.linspace(-2.5, 2.5, 13)
-    drawn, narrow = np.tile([0.5, 0.1, 0.2], (13, 1)), np.zeros(13, dtype=bool)
-    command = followed(config, drawn, narrow, yaw > 2.0, 0.0 * yaw, yaw)
-    assert not command[yaw > 2.0].any()
-    walks = yaw <= 2.0
-    assert (np.sign(command[walks, 2]) == np.sign(0.2 - yaw[walks])).all()
-    left_of_the_middle = followed(config, drawn, narrow, narrow, 0.0 * yaw + 1.0, 0.0 * yaw)
-    assert (left_of_the_middle[:, 2] < 0.0).all()
-    np.testing.assert_array_equal(
-        followed(config, drawn, ~narrow, narrow, 0.0 * yaw, yaw)[:, 2], 0.2
-    )
-
-
-# reward
-
-
-def inputs(n=40, seed=2):
-    rng = np.random.default_rng(seed)
-    shapes = dict.fromkeys(("command", "velocity", "angular_velocity", "gravity"), 3)
-    joints = ("torque", "joint_acceleration", "joint_offset", "action", "last_action")
-    shapes |= dict.fromkeys(joints, 12) | {"landed_after_s": 4, "foot_speed_squared": 4}
-    values = {name: rng.normal(size=(n, size)) for name, size in shapes.items()}
-    flags = {"foot_touching": (n, 4), "leg_touching": (n, 8), "failed": (n,)}
-    flags["foot_missed"] = (n, 4)
-    values |= {name: rng.uniform(size=shape) < 0.5 for name, shape in flags.items()}
-    values["command"][: n // 4] *= 0.01
-    return RewardInputs(**values)
-
-
-def in_a_mirror(given):
-    """The same motion seen in a mirror that stands along x and z."""
-    legs = [*OTHER_SIDE, *(4 + leg for leg in OTHER_SIDE)]
-    joints = ("torque", "joint_acceleration", "joint_offset", "action", "last_action")
-    changed = {name: mirrored_joints(getattr(given, name)) for name in joints}
-    changed |= {
-        "command": mirrored(given.command, [1, -1, -1]),
-        "velocity": mirrored(given.velocity, [1, -1, 1]),
-        "angular_velocity": mirrored(given.angular_velocity, [-1, 1, -1]),
-        "gravity": mirrored(given.gravity, [1, -1, 1]),
-        "leg_touching": given.leg_touching[:, legs],
-    }
-    feet = ("landed_after_s", "foot_speed_squared", "foot_touching", "foot_missed")
-    changed |= {name: getattr(given, name)[:, OTHER_SIDE] for name in feet}
-    return replace(given, **changed)
-
-
-def test_every_term_is_the_same_in_a_mirror_and_in_torch():
-    given, config = inputs(), RewardConfig()
-    terms = reward_terms(config, given)
-    assert terms.shape == (40, len(TERMS))
-    np.testing.assert_allclose(reward_terms(config, in_a_mirror(given)), terms, atol=1e-12)
-    tensors = {f.name: torch.as_tensor(getattr(given, f.name)) for f in fields(given)}
-    np.testing.assert_allclose(
-        reward_terms(config, RewardInputs(**tensors)).numpy(), terms, atol=1e-12
-    )
-
-
-def test_each_term_has_its_weight_and_none_rewards_a_worse_velocity():
-    given = inputs()
-    for name in TERMS:
-        alone = RewardConfig(**(dict.fromkeys(TERMS, 0.0) | {name: 1.0}))
-        terms = reward_terms(alone, given)
-        assert terms[:, TERMS.index(name)].any()
-        assert not np.delete(terms, TERMS.index(name), axis=1).any()
-    step = np.array([0.1, 0.0, 0.0]) * np.sign(given.velocity - given.command)
-    worse = replace(given, velocity=given.velocity + step)
-    column = TERMS.index("linear_velocity")
-    config = RewardConfig()
-    assert (reward_terms(config, worse)[:, column] <= reward_terms(config, given)[:, column]).all()
-
-
-# observation
 
 
 @pytest.mark.parametrize("dialect", ["isaaclab", "legged_gym", "mjlab"])
@@ -228,9 +105,6 @@ def test_the_card_says_how_the_vector_is_made_and_the_file_is_the_network(model)
                 weights.copy_(weights.half())  # as the file keeps them
         expected = network(torch.from_numpy(given)).numpy()
     np.testing.assert_allclose(actor(given), expected, atol=1e-4)
-
-
-# the environment
 
 
 def test_observations_are_what_the_engine_and_the_ground_say():
@@ -321,9 +195,6 @@ def test_a_way_as_commanded_leads_to_harder_ground_and_a_fall_to_easier():
     assert set(level[0::2]) <= {0.0, 1.0}  # beyond the last level any is drawn
 
 
-# ground and scan
-
-
 def test_the_nearest_boxes_are_the_ground_below_a_robot_and_nearly_all_that_the_scan_sees():
     config = GroundConfig(levels=2)
     ground, rng = Ground(config, torch.zeros(1)), np.random.default_rng(5)
@@ -389,9 +260,6 @@ def test_images_arrive_at_their_rate(rate):
     assert abs(count - 10.0 * rate) <= 1
 
 
-# training and evaluation
-
-
 def test_a_training_goes_on_from_its_checkpoint(model, tmp_path):
     first = torch.load(model.with_name("checkpoint.pt"), weights_only=True)
     train(
@@ -414,14 +282,3 @@ def test_an_evaluation_counts_what_it_saw(model):
     assert score.walked_s == 12.0
     assert 0 <= score.falls <= score.episodes
     assert np.isfinite([score.ahead_mps, score.aside_mps, score.turn_rps]).all()
-
-
-def test_errors_are_averaged_over_a_stride_and_not_counted_after_a_change():
-    steps = SETTLING + 3 * STRIDE
-    sway = np.where(np.arange(steps) % 2 == 0, 1.0, -1.0)
-    error = np.stack([0.2 + sway, 0.0 * sway, 0.1 + 0.0 * sway], -1)[:, None]
-    fresh = np.zeros((steps, 1), dtype=bool)
-    ahead, aside, turn = tracking_errors(error, fresh, stride=STRIDE, settling=SETTLING)
-    assert (ahead, aside, turn) == (pytest.approx(0.2, abs=0.05), 0.0, pytest.approx(0.1))
-    fresh[::10] = True
-    assert np.isnan(tracking_errors(error, fresh, stride=STRIDE, settling=SETTLING)).all()

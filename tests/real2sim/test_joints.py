@@ -1,27 +1,23 @@
 """The problem of the joints, on logs of the plant with effects hidden in it."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
+from joint_logs import DT, KP, motion, noisy, of_one_leg
 from samples import CURVE, ROBOT
 from scipy.optimize import least_squares
-from scipy.signal import lfilter
 from stated_values import check_stated_values
 
 from saltus.arrays import Floats
-from saltus.constants import PHYSICS_DT
 from saltus.effects.body import BaseRoll
-from saltus.effects.chain import ActuatorChain, BodyChain
 from saltus.effects.effect import Effect
-from saltus.effects.encoders import EncoderBias, VelocityScale
-from saltus.effects.joint_loads import EndStop, JointSpring
+from saltus.effects.joint_loads import JointSpring
 from saltus.effects.motors import TorqueSaturation
 from saltus.effects.profile import EFFECTS
 from saltus.errors import RecordingError
-from saltus.joint_command import JointCommand
 from saltus.real2sim.problem.joints import motion as joint_motion
 from saltus.real2sim.problem.joints.candidates import KINDS, LOOP_RATE, Reach
 from saltus.real2sim.problem.joints.drives import Drives, lost
@@ -30,94 +26,8 @@ from saltus.real2sim.problem.joints.mechanics import rubbed
 from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.problem.joints.replay import replay
 from saltus.real2sim.saturation_curve import _fitted, _Pieces
-from saltus.real2sim.search.search import search
-from saltus.recordings.run_log import JOINT_SIGNALS, JointTable, RunLog
-from saltus.robots.robot import JOINTS
-from saltus.sim.plant import Plant
-from saltus.terrain import flat
 
-DT = PHYSICS_DT
-KP, KD = 40.0, 1.0
-NOISE = (1e-3, 0.05, 0.2)  # rad, rad/s, Nm: typical of drives of this class
 PLACES = ("hip", "thigh", "calf")
-
-
-def commands() -> tuple[Floats, list[dict[str, Any]]]:
-    """A chirp, a slow triangle, large steps and a ranking of holds, each twice."""
-    t = np.arange(0.0, 1.5, DT)
-    shapes = {
-        "chirp": (np.sin(2.0 * np.pi * (0.5 * t + 3.0 * t**2)), (0.15, 0.2, 0.2)),
-        "triangle": (2.0 * np.abs(((t / 0.75) % 2.0) - 1.0) - 1.0, (0.2, 0.3, 0.3)),
-        "steps": (np.repeat([0.0, 1.0, -1.0], 250), (0.35, 0.9, 0.4)),
-        "ranking": (np.repeat([0.0, 0.5, 1.0, 0.5, 0.0], 150), (0.1, 0.2, 0.2)),
-    }
-    parts, segments, start = [], [], 0.0
-    for name, (shape, amplitude) in shapes.items():
-        for repeat in range(2):
-            parts.append(ROBOT.stand_pose + shape[:, None] * np.tile(amplitude, 4))
-            end = start + len(shape) * DT
-            segments.append({"name": f"{name}{repeat}", "t0": start, "t1": end, "condition": name})
-            start = end
-    return np.concatenate(parts), segments
-
-
-@cache
-def motion(
-    *effects: Effect[Any], kp: float = KP, stretched: float = 0.0, integral: float = 0.0
-) -> RunLog:
-    """What a held robot does, without noise, with effects of drives and of what holds it.
-
-    Knees may be told to be `stretched` by so much [rad]; drives may have an `integral` term
-    [Nm/(rad s)], which belongs to no effect.
-    """
-    q_des, segments = commands()
-    q_des = q_des + np.tile((0.0, 0.0, stretched), 4)
-    stand = tuple(effect for effect in effects if effect.site == "stand")
-    chain = ActuatorChain(tuple(effect for effect in effects if effect not in stand))
-    plant = Plant(ROBOT, flat.make(), chain=chain, body=BodyChain(stand), held=True)
-    zero, state = np.zeros(12), plant.state
-    tau_ff = (
-        0.8 * np.sin(2.0 * np.pi * 1.3 * (np.arange(len(q_des)) % 750) * DT)[:, None] * np.ones(12)
-    )
-    q, dq, tau_est = np.empty((3, len(q_des), 12))
-    more = np.zeros(12)
-    for k in range(len(q_des)):
-        q[k], dq[k] = state.joint_position, state.joint_velocity
-        more = more + integral * DT * (q_des[k] - q[k])
-        torque = tau_ff[k] + more
-        state = plant.step(
-            JointCommand(
-                position=q_des[k], velocity=zero, kp=zero + kp, kd=zero + KD, torque=torque
-            )
-        )
-        tau_est[k] = state.joint_torque
-    meta = {
-        "schema": "saltus-run/1",
-        "robot": "go1",
-        "base": "fixed",
-        "joints": list(JOINTS),
-        "kp": kp,
-        "kd": KD,
-        "control_dt": DT,
-        "excitation": {"text": "", "segments": segments},
-        "terrain": "flat",
-    }
-    time_s = DT * np.arange(len(q_des))
-    table = JointTable(
-        time_s=time_s, q=q, q_des=q_des, dq=dq, dq_des=0.0 * q, tau_ff=tau_ff, tau_est=tau_est
-    )
-    return RunLog(meta=meta, joints=table)
-
-
-def noisy(log: RunLog, correlation: float = 0.0, seed: int = 0) -> RunLog:
-    """The log with noise on what is measured; `correlation` from one row to the next."""
-    rng = np.random.default_rng(seed)
-    signals = {}
-    for name, spread in zip(("q", "dq", "tau_est"), NOISE, strict=True):
-        noise = rng.standard_normal(log.joints.q.shape)
-        noise = lfilter([np.sqrt(1.0 - correlation**2)], [1.0, -correlation], noise, axis=0)
-        signals[name] = getattr(log.joints, name) + spread * noise
-    return replace(log, joints=replace(log.joints, **signals))
 
 
 @cache
@@ -164,6 +74,7 @@ CASES = (
     hidden("velocity_filter", (0.004,), time_constant=0.004),
     hidden("velocity_scale", (0.12,), scale=1.12),
 )
+
 
 COARSE = hidden("encoder_quantisation", (1.0, 0.006), step=0.006)
 
@@ -461,63 +372,6 @@ def test_the_dynamometers_table_from_a_log() -> None:
     np.testing.assert_allclose(curve[:, 1], np.interp(curve[:, 0], asked, given), rtol=0.05)
 
 
-def of_one_leg(log: RunLog) -> RunLog:
-    """The log of the first leg alone."""
-    own = {
-        name: getattr(log.joints, name)[:, :3]
-        for name in JOINT_SIGNALS
-        if getattr(log.joints, name) is not None
-    }
-    return replace(
-        log, meta={**log.meta, "joints": list(JOINTS[:3])}, joints=replace(log.joints, **own)
-    )
-
-
-HIDDEN = (
-    JointSpring(torque=0.5),
-    JointSpring(torque=(0.0, 0.0, 2.0) * 4, stiffness=(0.0, 0.0, 1.0) * 4),
-    VelocityScale(scale=1.12),
-)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("effect", HIDDEN, ids=lambda effect: effect.name)
-def test_an_effect_that_a_robot_hides_is_found_by_its_name(effect: Effect[Any]) -> None:
-    findings = search(JointProblem(of_one_leg(noisy(motion(effect)))))
-    assert (findings.verdict, {found.name for found in findings.effects}) == (
-        "named",
-        {effect.name},
-    )
-    found = findings.effects[0]
-    joint = 0 if found.where == "all" else JOINTS.index(found.where[0])
-    for name, interval in found.params.items():
-        true = np.broadcast_to(getattr(effect, name), 12)[joint]
-        assert interval.value == pytest.approx(true, rel=0.05, abs=0.02), name
-
-
-def of_motion(log: RunLog, condition: str) -> RunLog:
-    """The rows of one motion."""
-    own = [s for s in log.meta["excitation"]["segments"] if s["condition"] == condition]
-    kept = (log.joints.time_s > own[0]["t0"] - 0.5 * DT) & (
-        log.joints.time_s < own[-1]["t1"] - 0.5 * DT
-    )
-    values = {f.name: getattr(log.joints, f.name) for f in fields(log.joints)}
-    return replace(
-        log, joints=JointTable(**{n: None if v is None else v[kept] for n, v in values.items()})
-    )
-
-
-@pytest.mark.slow
-def test_a_soft_end_stop_is_found_where_knees_lean_on_it() -> None:
-    """0.1 rad before the model's limit, at -0.888 rad."""
-    log = motion(EndStop(upper=(np.inf, np.inf, -0.99) * 4, stiffness=250.0), stretched=0.5)
-    findings = search(JointProblem(of_one_leg(noisy(log))))
-    ((name, where, found),) = [(e.name, e.where, e.params) for e in findings.effects]
-    assert (findings.verdict, name, where) == ("named", "end_stop", ("FR_calf",))
-    assert found["upper"].value == pytest.approx(-0.99, abs=0.005)
-    assert found["stiffness"].value == pytest.approx(250.0, rel=0.1)
-
-
 GIVES = (0.002, 0.05, 1.0)
 """Of what holds the base [rad/Nm]: a stand that sways by a degree, a strap, a thread."""
 
@@ -532,39 +386,3 @@ def test_a_base_that_rolls_moves_the_legs_as_the_replay_says(give: float) -> Non
         np.stack([unknowns(problem, {}), unknowns(problem, {"base_roll": tuple(truth)})])
     )
     assert np.mean(left**2) < 0.01 * np.mean(gap**2)
-
-
-@pytest.mark.slow
-def test_a_base_that_rolls_is_found() -> None:
-    findings = search(
-        JointProblem(of_motion(noisy(motion(BaseRoll(give=0.05, damping=0.2))), "chirp"))
-    )
-    ((name, where, found),) = [(e.name, e.where, e.params) for e in findings.effects]
-    assert (findings.verdict, name, where) == ("named", "base_roll", "all")
-    assert found["give"].value == pytest.approx(0.05, rel=0.1)
-    assert found["damping"].value == pytest.approx(0.2, rel=0.2)
-
-
-def test_a_base_is_not_accused_where_joints_are_missing() -> None:
-    assert "not all joints" in JointProblem(of_one_leg(noisy(motion()))).untestable["base_roll"]
-
-
-@pytest.mark.slow
-def test_an_integral_term_is_no_spring() -> None:
-    """It pulls much as one does, and is in no library."""
-    findings = search(JointProblem(of_one_leg(noisy(motion(integral=4.0)))))
-    assert findings.verdict == "unexplained"
-    assert {found.name for found in findings.nearest} == {"joint_spring"}
-
-
-def test_effects_that_a_motion_cannot_tell_apart_come_as_a_set() -> None:
-    """A slow motion near one pose asks an encoder bias and a pull for the same torque."""
-    slow = of_motion(noisy(motion(EncoderBias(bias=0.1))), "triangle")
-    (alike,) = search(JointProblem(of_one_leg(slow))).sets
-    assert {"encoder_bias", "joint_spring"} <= set(alike)
-
-
-@pytest.mark.parametrize("stretched", [0.0, pytest.param(0.5, marks=pytest.mark.slow)])
-def test_an_ideal_robot_is_not_accused(stretched: float) -> None:
-    """Also where its knees hit the limits that the model claims."""
-    assert search(JointProblem(of_one_leg(noisy(motion(stretched=stretched))))).verdict == "no_gap"

@@ -1,0 +1,141 @@
+"""Thresholds of the search: chance, correct simulators that differ, and what they may leave, get no name."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from effect_sizes import sizes
+from linear_problem import LinearProblem
+from scipy.ndimage import gaussian_filter1d
+
+from benchmarks.left_out import NarrowedProblem
+from saltus.real2sim.search.decide import (
+    REMAINDER_RMS,
+)
+from saltus.real2sim.search.search import search
+
+
+@pytest.mark.parametrize(
+    ("resolution", "verdict"), [(0.0, "named"), (0.5, "named"), (5.0, "unexplained")]
+)
+def test_an_effect_is_named_only_beyond_what_two_correct_simulators_differ_by(
+    resolution: float, verdict: str
+) -> None:
+    problem = LinearProblem(sizes("e1", 3.0))
+    problem.candidates = tuple(replace(each, resolution=resolution) for each in problem.candidates)
+    findings = search(problem)
+    assert (findings.verdict, bool(findings.effects)) == (verdict, verdict == "named")
+
+
+@pytest.mark.parametrize(("closable", "names"), [(1.0, {"e1", "e2"}), (0.9, {"e1"})])
+def test_no_further_effect_explains_a_part_of_what_may_be_chance(
+    closable: float, names: set[str]
+) -> None:
+    problem = LinearProblem(sizes("e1", 12.0) | sizes("e2", 2.0) | sizes("e5", 2.0))
+    problem.candidates = tuple(replace(c, closable_share=closable) for c in problem.candidates)
+    findings = search(NarrowedProblem(problem, ["e5"]))
+    assert {effect.name for effect in findings.effects} == names
+
+
+@pytest.mark.parametrize(
+    ("least", "verdict"), [(0.0, "named"), (0.75, "named"), (0.95, "unexplained")]
+)
+def test_an_effect_that_alone_closes_too_little_and_leaves_a_gap_is_not_named(
+    least: float, verdict: str
+) -> None:
+    problem = LinearProblem(sizes("e1", 8.0) | sizes("e5", 3.5))
+    problem.candidates = tuple(replace(c, least_closed=least) for c in problem.candidates)
+    assert search(NarrowedProblem(problem, ["e5"])).verdict == verdict
+
+
+@pytest.mark.sample(2)
+@pytest.mark.parametrize("disagreement", [1.0, 0.2])
+@pytest.mark.parametrize("seed", range(4))
+def test_simulators_that_agree_leave_no_more_beside_the_effect_that_is_named(
+    seed: int, disagreement: float
+) -> None:
+    """One remainder is no gap between simulators that differ much, and a gap between others."""
+    problem = LinearProblem(sizes("e1", 2.0) | sizes("e5", 0.85), seed=seed)
+    problem.candidates = tuple(replace(c, least_closed=0.97) for c in problem.candidates)
+    problem.simulator_disagreement = disagreement
+    findings = search(NarrowedProblem(problem, ["e5"]))
+    assert (findings.verdict == "named") == (findings.remainder < disagreement * REMAINDER_RMS)
+
+
+def with_chance(problem: LinearProblem, rms: float, seed: int) -> LinearProblem:
+    """The problem with what is another at every repeat, as slow as its effects."""
+    rows = np.random.default_rng(seed).normal(size=problem.measured.shape)
+    slow = gaussian_filter1d(rows, 5.0, axis=-1)
+    problem.measured = problem.measured + rms * slow / slow.std()
+    return problem
+
+
+@pytest.mark.sample(2)
+@pytest.mark.parametrize("seed", range(4))
+def test_what_differs_from_repeat_to_repeat_may_be_left_by_an_effect_of_chance(seed: int) -> None:
+    rms = np.random.default_rng(seed).uniform(1.5, 2.0)
+    for leaves_chance, verdict in ((False, "unexplained"), (True, "named")):
+        problem = with_chance(LinearProblem(sizes("e1", 6.0), seed=seed), rms, seed)
+        problem.candidates = tuple(
+            replace(c, leaves_chance=leaves_chance, least_closed=0.9) for c in problem.candidates
+        )
+        findings = search(problem)
+        assert findings.verdict == verdict
+        assert {each.name for each in findings.effects} == ({"e1"} if leaves_chance else set())
+
+
+@pytest.mark.sample(2)
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("left", ["the same at every repeat", "nothing but chance"])
+def test_no_effect_of_chance_explains_what_repeats_or_chance_alone(left: str, seed: int) -> None:
+    problem = LinearProblem(
+        sizes("e1", 6.0) | sizes("e5", 3.0) if left.startswith("the same") else {}, seed=seed
+    )
+    if left == "nothing but chance":
+        problem = with_chance(problem, 3.0, seed)
+    problem.candidates = tuple(
+        replace(c, leaves_chance=True, least_closed=0.9) for c in problem.candidates
+    )
+    assert search(NarrowedProblem(problem, ["e5"])).verdict == "unexplained"
+
+
+@pytest.mark.parametrize(
+    ("resolution", "names"), [(0.0, ("e1", "e2")), (0.5, ("e1", "e2")), (5.0, ("e1",))]
+)
+def test_a_further_effect_is_larger_than_what_two_correct_simulators_differ_by(
+    resolution: float, names: tuple[str, ...]
+) -> None:
+    problem = LinearProblem(sizes("e1", 8.0) | sizes("e2", 2.5))
+    problem.candidates = tuple(replace(c, resolution=resolution) for c in problem.candidates)
+    findings = search(problem)
+    assert findings.residuals is not None
+    assert findings.residuals.effects == names
+
+
+@pytest.mark.parametrize("level", [1.0, 1.08])
+def test_noise_that_lasts_and_is_a_little_larger_than_its_estimate_is_no_gap(level: float) -> None:
+    for seed in range(5):
+        problem = LinearProblem({}, seed=seed, colour=0.6)
+        problem.measured = level * problem.measured
+        assert search(problem).verdict == "no_gap"
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "signals", "segments", "verdict"),
+    [
+        (1.35, 1, (0,), "no_gap"),
+        (1.35, 2, (0,), "no_gap"),  # segment 1 is its repeat: a foot rests otherwise once
+        (1.35, 2, (0, 1), "unexplained"),
+        (1.35, 2, (0, 3), "unexplained"),
+        (2.5, 1, (0,), "unexplained"),
+    ],
+)
+def test_a_weak_gap_shows_in_more_than_one_segment(
+    amplitude: float, signals: int, segments: tuple[int, ...], verdict: str
+) -> None:
+    for seed in range(4):
+        problem = LinearProblem({}, seed=seed)
+        shown = np.isin(problem.segment, segments) & (problem.signal < signals)
+        wave = amplitude * np.sin(2.0 * np.pi * 7.0 * problem.time_s[shown])
+        problem.measured[0, shown] += wave
+        assert search(problem).verdict == verdict
