@@ -87,6 +87,11 @@ def model_image(
     columns = _pooling(model.width, model.fx, model.cx, width, camera.fx, camera.cx)
     xp, batch = namespace(depth), tuple(depth.shape[:-2])
     raw = depth[..., rows.needed, columns.needed]
+    image = xp.empty((*batch, 2, model.height, model.width), dtype=xp.float32, device=depth.device)
+    if rows.place is None and columns.place is None:  # the model's own pixels: each is whole
+        total, seen = _layers(raw, unit_m)
+        image[..., 0, :, :], image[..., 1, :, :] = xp.where(seen > 0.0, total, 1.0), seen
+        return image
     raw = raw.reshape((math.prod(batch), *raw.shape[-2:]))
     layers = _layers(rows.covering(raw, axis=1), unit_m)  # (2, n, some, 48, width)
     tall = rows.total(layers, axis=2)  # (2, n, 48, width)
@@ -96,7 +101,6 @@ def model_image(
     total, share = sums[0], sums[1]
     seen = (share >= VALID_SHARE) & (total <= share)  # which is not true of what is not a number
     # Far, never near: what cannot be seen must not look like an obstacle at the lens
-    image = xp.empty((*batch, 2, *share.shape[-2:]), dtype=xp.float32, device=depth.device)
     image[..., 0, :, :] = xp.where(seen, total / xp.where(seen, share, 1.0), 1.0)
     image[..., 1, :, :] = seen
     return image
