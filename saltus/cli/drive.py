@@ -1,4 +1,4 @@
-"""`saltus drive`: commands a robot of a run, by a script, to goals or by keys."""
+"""`saltus drive`: commands a robot of a run, by a script, to goals, by keys or a gamepad."""
 
 import sys
 from dataclasses import dataclass
@@ -21,6 +21,7 @@ class Drive(EndpointOption):
       saltus drive --run-dir runs/one --script round.csv
       saltus drive --run-dir runs/one --goals 3,0 3,2 0,2 --speed-mps 0.8
       saltus drive --run-dir runs/one --keys
+      saltus drive --run-dir runs/one --gamepad /dev/input/js0
     """
 
     run_dir: Path
@@ -33,6 +34,9 @@ class Drive(EndpointOption):
     keys: Flag = False
     """Drive by the keys of this terminal: w s ahead and back, a d turn, q e aside, space stand, j
     jump, l lie down."""
+    gamepad: Annotated[Path | None, shown("PATH", "none")] = None
+    """Drive by a gamepad, e.g. /dev/input/js0: left stick ahead, back and aside, right stick turn, A
+    stand, B jump, Y lie down. The robot stands where the gamepad is gone."""
     speed_mps: float = 0.6
     """Speed between goals."""
     turn_rps: float = 0.8
@@ -40,12 +44,20 @@ class Drive(EndpointOption):
 
     def run(self) -> int:
         """Runs until the script or the run is over, or all goals are reached."""
-        if [self.script is not None, bool(self.goals), self.keys].count(True) != 1:
-            raise ConfigError("give one of --script FILE.csv, --goals X,Y ... and --keys")
+        asked = [self.script is not None, bool(self.goals), self.keys, self.gamepad is not None]
+        if asked.count(True) != 1:
+            raise ConfigError(
+                "give one of --script FILE.csv, --goals X,Y ..., --keys and --gamepad DEVICE"
+            )
         if self.keys:
             if not sys.stdin.isatty():
                 raise ConfigError("--keys needs a terminal: give --script FILE.csv")
             more = ["--keys"]
+        elif self.gamepad is not None:
+            from saltus.drive.gamepad import opened
+
+            with opened(self.gamepad):
+                more = ["--gamepad", str(self.gamepad)]
         elif self.script is not None:
             from saltus.drive.script import Script
 

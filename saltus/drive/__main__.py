@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
+from saltus.drive import gamepad
 from saltus.drive.goals import Goals
 from saltus.drive.keys import unbuffered
 from saltus.drive.script import Script
@@ -51,7 +52,9 @@ def of_run(context: ProcessContext) -> Driver:
     """The script of a run, by the time of the run; it never ends, as others wait for it."""
     path = context.config.commands
     if path is None:
-        raise ConfigError("the run has no script of commands: give --script, --goals or --keys")
+        raise ConfigError(
+            "the run has no script of commands: give --script, --goals, --keys or --gamepad"
+        )
     script = Script(Path(path))
     return lambda state: script.at(1e-9 * state.time_ns)
 
@@ -100,6 +103,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--script", type=Path)
     parser.add_argument("--goals", nargs="+", type=_goal, default=[])
     parser.add_argument("--keys", action="store_true")
+    parser.add_argument("--gamepad", type=Path)
     parser.add_argument("--speed-mps", type=float, default=SPEED_MPS)
     parser.add_argument("--turn-rps", type=float, default=TURN_RPS)
     own, others = parser.parse_known_args(arguments)
@@ -107,11 +111,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(context: ProcessContext, own: argparse.Namespace) -> None:
-    if not own.keys:
+    if own.keys:
+        with unbuffered(sys.stdin.fileno()) as keys:
+            body(context, lambda _: keys.wish())
+    elif own.gamepad is not None:
+        with gamepad.opened(own.gamepad) as pad:
+            sys.stderr.write(f"{gamepad.HELP}\n")
+            body(context, lambda _: pad.wish())
+    else:
         body(context, _driver_of(own))
-        return
-    with unbuffered(sys.stdin.fileno()) as keys:
-        body(context, lambda _: keys.wish())
 
 
 if __name__ == "__main__":

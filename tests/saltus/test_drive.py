@@ -4,6 +4,7 @@ import io
 import math
 import os
 import termios
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,9 @@ from stage import Stage
 
 from saltus.cli.main import main
 from saltus.config import RunConfig
+from saltus.drive import gamepad
 from saltus.drive.__main__ import AFTER_S, body, by_goals, by_script
+from saltus.drive.gamepad import Gamepad
 from saltus.drive.goals import REACHED_M, Goals
 from saltus.drive.keys import MODES, MOST, STEP, VELOCITIES, pressed, unbuffered
 from saltus.drive.script import Script
@@ -195,6 +198,7 @@ def test_the_process_answers_each_state_with_the_script_of_the_run(tmp_path: Pat
         (["--goals", "1,2", "--script", "a.csv"], "give one of"),
         (["--goals", "1,2", "--keys"], "give one of"),
         (["--keys"], "--keys needs a terminal"),
+        (["--gamepad", "missing"], "no gamepad at missing: No such file"),
         (["--goals", "1;2"], "--goals 1;2: a goal is X,Y"),
         (["--goals", "1,nan"], "--goals 1,nan"),
         (["--script", "no.csv"], "cannot read no.csv"),
@@ -211,3 +215,51 @@ def test_the_command_refuses_in_one_line(
     monkeypatch.setattr("sys.stdin", io.StringIO())
     assert main(["drive", "--run-dir", str(tmp_path / "none"), *arguments]) == 2
     assert said in capsys.readouterr().err
+
+
+@pytest.fixture
+def pad() -> Iterator[tuple[Gamepad, Callable[..., None], int]]:
+    """A gamepad, what sends it an event in parts, and the end that sends."""
+    device, sender = os.pipe()
+    os.set_blocking(device, False)
+    rng = np.random.default_rng(0)
+
+    def send(kind: int, number: int, value: int) -> None:
+        event, cut = gamepad.EVENT.pack(0, value, kind, number), int(rng.integers(1, 8))
+        os.write(sender, event[:cut])
+        driven.wish()
+        os.write(sender, event[cut:])
+
+    driven = Gamepad(device)
+    yield driven, send, sender
+    os.close(device)
+
+
+def test_sticks_of_a_gamepad_walk_within_what_policies_know_and_buttons_change_the_mode(pad):
+    driven, send, _ = pad
+    assert driven.wish() == STAND
+    rng, most = np.random.default_rng(1), {name: abs(v) for name, v in gamepad.STICKS.values()}
+    for _ in range(100):
+        axis, value = int(rng.choice(list(gamepad.STICKS))), int(rng.integers(-32768, 32768))
+        send(gamepad.AXIS, axis, value)
+        wish, (name, _) = driven.wish(), gamepad.STICKS[axis]
+        if abs(value) > gamepad.DEAD * gamepad.FULL + 1:
+            assert wish.mode == CommandMode.WALK
+            assert getattr(wish, name) * value < 0.0  # ahead and left are negative on the pad
+            assert abs(getattr(wish, name)) <= most[name]
+        elif wish.mode == CommandMode.WALK:
+            assert getattr(wish, name) == pytest.approx(0.0, abs=1e-4)
+    for number, mode in gamepad.MODES.items():
+        send(gamepad.BUTTON, number, 1)
+        send(gamepad.BUTTON, number, 0)
+        send(gamepad.AXIS, 1, 100)  # a stick at rest
+        assert driven.wish() == Wish(mode=mode)
+
+
+def test_a_gamepad_starts_from_a_stand_and_ends_where_it_is_gone(pad):
+    driven, send, sender = pad
+    send(gamepad.AXIS | gamepad.INITIAL, 1, -32767)
+    send(gamepad.BUTTON | gamepad.INITIAL, 1, 1)
+    assert driven.wish() == STAND
+    os.close(sender)
+    assert driven.wish() is None
