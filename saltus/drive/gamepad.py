@@ -43,8 +43,9 @@ def moved(wish: Wish, kind: int, number: int, value: int) -> Wish:
     if wish.mode != CommandMode.WALK and not pushed:
         return wish
     name, fastest = STICKS[number]
-    before = wish if wish.mode == CommandMode.WALK else replace(STAND, mode=CommandMode.WALK)
-    return replace(before, **{name: fastest * (pushed if share > 0.0 else -pushed)})
+    before = wish if wish.mode == CommandMode.WALK else STAND
+    speed = fastest * (pushed if share > 0.0 else -pushed)
+    return replace(before, mode=CommandMode.WALK, **{name: speed})
 
 
 class Gamepad:
