@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -77,14 +77,17 @@ def _landing(rng: np.random.Generator) -> Route:
 
 
 def _course(rng: np.random.Generator) -> Route:
-    """A course whose two corners lead to one side and back."""
-    side, segments = float(rng.choice((-1.0, 1.0))), list[Segment]()
+    """A course whose two corners lead to one side and back; each part and corner ends at a goal."""
+    side, segments, ends = float(rng.choice((-1.0, 1.0))), list[Segment](), list[int]()
     for i, name in enumerate(rng.choice(list(PARTS), _PARTS)):
         if i in (3, 6):
             angle = side * float(rng.uniform(0.5, 0.5 * math.pi))
             segments.append(Turn(angle=angle if i == 3 else -angle))
+            ends.append(len(segments) - 1)
         segments.extend(PARTS[name])
-    return _of_course((*segments, Level()), COURSE_WIDTH_M, rng, "course")
+        ends.append(len(segments) - 1)
+    drawn = _of_course((*segments, Level()), COURSE_WIDTH_M, rng, "course")
+    return replace(drawn, goals=tuple(drawn.goals[i] for i in (*ends, len(segments))))
 
 
 def _of_course(

@@ -190,6 +190,7 @@ def test_there_is_ground_at_all_goals_of_a_route_and_it_is_as_long_as_said(
     assert all(drawn.terrain.arrays.covers(*goal) for goal in ((0.0, 0.0), *drawn.goals))
     low, high = {"landing": (4.0, 8.0), "course": (22.0, 29.0), "arena": (35.0, 45.0)}[name]
     assert low < drawn.length_m < high
+    assert len(drawn.goals) == {"landing": 5, "course": 11, "arena": 5}[name]
     assert drawn == route(name, seed)
 
 
