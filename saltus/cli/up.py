@@ -30,7 +30,7 @@ class Up(DomainOptions, RunOptions, NetworkOptions):
       saltus up --standbys
       saltus up --grid scan
       saltus up --listen 192.168.123.10:7447 --keys keys
-      saltus up --robot go2 --link dds --terrain flat --planner scripted
+      saltus up --robot go2 --link dds --terrain stairs
     """
 
     pace: Pace = "realtime"
