@@ -190,8 +190,10 @@ class ScanPredictor:
         there = points @ pose.rotation[0].T + pose.position[0] + state.correction[0]
         place = places(there[None, :, :2], state.corner, self._settings)
         gap = np.asarray(sampled(state.height, place)[0] - there[:, 2], np.float64)
-        shown = np.asarray(state.seen_s > 0.5 * NEVER_S, np.float32)
-        return np.where(sampled(shown, place)[0] > 0.99, gap, np.nan)
+        cell = np.floor(place[0]).astype(np.int64).clip(0, self._settings.side - 2)
+        rows, columns = (cell[:, axis, None] + np.arange(2) for axis in (0, 1))
+        oldest = state.seen_s[0, rows[:, :, None], columns[:, None, :]].min((1, 2))
+        return np.where(oldest > 0.5 * NEVER_S, gap, np.nan)
 
 
 def _last_seen(seen_s: Singles, place: Floats) -> Floats:

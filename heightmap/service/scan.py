@@ -257,7 +257,7 @@ class ScanService:
 
     def _stand(self, state: RobotState) -> None:
         """Tells how far standing feet are below the ground that images showed there."""
-        if self._rolling is not None and self._predictor.images:
+        if self._rolling is not None and self._predictor.images and np.any(state.leg_trusted):
             feet = self._feet(state)[: int(np.sum(state.leg_trusted))]
             gap = self._predictor.above(self._trail.now.pose, feet)
             self._rolling.stand(gap[np.abs(gap) < self._map.gate_m])
