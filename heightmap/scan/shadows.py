@@ -24,6 +24,11 @@ LEAD_M = 0.1
 LEVEL_M = 0.05
 """Ground behind that lies less than this below the ground before makes a trench of the dip."""
 
+RISES_M = 0.12
+"""Ground behind that lies more than this above the ground before is the next tread of stairs that
+lead up, whose edge is in doubt: no far side of a dip. Stairs in the policy's courses rise by 0.15 m
+and more; far sides of their trenches are level."""
+
 
 def deepened(height: Reals, half_width: Reals, grid: HeightGrid) -> tuple[Floats, Floats]:
     """Heights as a cautious planner takes them, and their half-widths,
@@ -52,6 +57,9 @@ def _deepen(height: Floats, doubtful: list[bool], x: tuple[float, ...]) -> None:
         if end == first:
             before = before if doubtful[first] else float(height[first])
             first += 1
+            continue
+        if end < count and height[end] > before + RISES_M:
+            first = done = end
             continue
         lowest = min(height[first : end + 1])
         if end < count and height[end] > before - LEVEL_M:

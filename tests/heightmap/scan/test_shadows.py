@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from saltus.grid import LINE, SCAN, HeightGrid
-from saltus.heightmap.scan.shadows import DOUBT_M, FALL_M, LEAD_M, LEVEL_M, deepened
+from saltus.heightmap.scan.shadows import DOUBT_M, FALL_M, LEAD_M, LEVEL_M, RISES_M, deepened
 from saltus.terrain.terrain import TRENCH_DEPTH
 
 X = np.array(LINE.x)
@@ -51,7 +51,10 @@ def test_sure_ground_is_told_as_it_is(height: np.ndarray) -> None:
 
 
 @given(
-    depth=st.floats(0.08, 0.3), begin=st.floats(-0.3, 0.2), length=lengths, up=st.floats(-0.04, 0.3)
+    depth=st.floats(0.08, 0.3),
+    begin=st.floats(-0.3, 0.2),
+    length=lengths,
+    up=st.floats(-0.04, RISES_M - 0.01),
 )
 @settings(max_examples=100, deadline=None)
 def test_a_trench_whose_ground_nobody_saw_is_as_deep_as_those_of_trainings(
@@ -66,6 +69,20 @@ def test_a_trench_whose_ground_nobody_saw_is_as_deep_as_those_of_trainings(
     lead = inside & (X[fallen][0] - LEAD_M + 1e-9 < X)
     np.testing.assert_allclose(told[lead], BASE_M - TRENCH_DEPTH)
     np.testing.assert_array_equal(told[~inside], height[~inside])
+
+
+@given(
+    depth=st.floats(0.04, 0.3),
+    begin=st.floats(-0.3, 0.2),
+    length=lengths,
+    rise=st.floats(RISES_M + 0.01, 0.5),
+)
+@settings(max_examples=50, deadline=None)
+def test_a_dip_before_the_next_tread_of_stairs_that_lead_up_is_told_as_it_is(
+    depth: float, begin: float, length: float, rise: float
+) -> None:
+    height, half_width = course(depth, begin, length, rise)
+    np.testing.assert_array_equal(deepened(height, half_width, LINE)[0], height)
 
 
 @given(begin=st.floats(-0.3, 0.2), length=lengths, down=st.floats(0.08, 0.5))
