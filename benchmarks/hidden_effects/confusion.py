@@ -26,7 +26,7 @@ def matrix(cases: list[Case]) -> tuple[list[str], list[str], np.ndarray]:
         category = case.truth["category"]
         if category == "two" or (category == "one" and not case.counts()):
             continue
-        row = case.true_names[0] if category == "one" else category
+        row = case.true_names[0] if category in ("one", "play") else category
         named = case.named
         said = case.said
         if said == "named":

@@ -11,6 +11,7 @@ from hidden_swing import swing
 
 from benchmarks.hidden_effects import (
     cases,
+    confusion,
     experiments,
     parameters,
     plan,
@@ -135,6 +136,29 @@ def test_a_log_repeats_and_tells_nothing_but_what_was_measured(
     truth = json.loads((tmp_path / "truth" / f"{run.name}.json").read_text())
     assert truth["multiples"][0] == pytest.approx(run.multiples[0])
     assert "viscous_friction" in truth["rivals"][0]
+
+
+@pytest.mark.parametrize("part", ["all", "pairs_and_play"])
+def test_every_run_of_a_plan_has_a_row_in_the_confusion_matrix(part):
+    runs = plan.make_plan(5, 60, part=part)
+    told = [
+        {
+            "category": run.category,
+            "kind": run.kind,
+            "quiet": False,
+            "effects": [{"name": name} for name in run.effects],
+            "multiples": [8.0 for _ in run.effects],
+            "shown_rms": [8.0 for _ in run.effects],
+            "rivals": [{} for _ in run.effects],
+        }
+        for run in runs
+    ]
+    said = [
+        cases.Case(truth=truth, verdict={"verdict": "unexplained"}, baselines={}, seconds=None)
+        for truth in told
+    ]
+    _, _, counts = confusion.matrix(said)
+    assert counts.sum() == sum(run.category != "two" for run in runs)
 
 
 def test_a_robot_that_follows_up_is_the_same_robot(run, generated, tmp_path):

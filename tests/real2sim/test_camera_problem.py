@@ -340,6 +340,20 @@ def test_holes_and_copies_at_edges_are_counted(holes: int, copies: int) -> None:
     assert np.mean(counts.copies) == pytest.approx(copies, abs=0.6)  # noise makes equal pixels, too
 
 
+@pytest.mark.parametrize("slope_mm", [1.0, 5.0, 30.0])
+def test_a_few_pairs_of_neighbours_are_no_rate_of_copies(slope_mm: float) -> None:
+    """Of all slopes beyond the edge one pair shows by chance what thousands at the edge do not."""
+    rng = np.random.default_rng(4)
+    true = np.full((40, 10, 60), 2.0)
+    true[..., 40:50] = 1.0 + 1e-3 * slope_mm * np.maximum(41 - np.arange(40, 50), 0)
+    lone = true.copy()
+    lone[0, 0, 44:50] += 1e-3 * slope_mm
+    image = np.rint(1e3 * lone + rng.normal(0.0, 1.0, true.shape)).astype(np.uint16)
+    image[0, 0, 44] = image[0, 0, 43]
+    counts = edge_counts(lone, image, 3.0)
+    assert np.mean(counts.copies) == pytest.approx(0.0, abs=0.3)
+
+
 def test_no_edge_counts_on_flat_ground() -> None:
     assert not edge_counts(
         np.full((2, 8, 40), 1.5), np.full((2, 8, 40), 1500, dtype=np.uint16), 3.0

@@ -17,6 +17,7 @@ PAST_EDGE = 2  # px: where an edge is, is known to about a pixel
 JUMP = 0.08  # of the depth behind; a smaller step is bridged by a matching window
 MOST_HOLES = 0.3  # usual share: behind such edges nothing can be told
 AMBIENT = 3  # px at least, beyond the window, from which the usual share is known
+FEWEST = 50  # pairs of neighbours: how often, and by how much, they differ is then known
 BELOW_MM = 10.0  # several times the noise of a pixel
 # Of depth from pixel to pixel: on a slope, neighbours are equal by chance less often
 SLOPES_MM = (
@@ -73,18 +74,20 @@ def edge_counts(
     copies, by_chance, pairs = np.zeros((3, len(frame)))
     beyond = np.minimum(last + WINDOW // 2, measured_mm.shape[2])
     for is_pair, is_copy in _by_slope(seen_m, measured_mm, clip_mm):
-        copies += _count(is_copy, frame, row, first, last)
         # what is near has noise of its own
-        for low, high, usual_low, usual_high in (
-            (first, column, start, first),
-            (column, last, last, beyond),
-        ):
-            usual_pairs = float(_count(is_pair, frame, row, usual_low, usual_high).sum())
-            usual = float(_count(is_copy, frame, row, usual_low, usual_high).sum()) / max(
-                usual_pairs, 1.0
-            )
-            here = _count(is_pair, frame, row, low, high)
-            by_chance += usual * here
+        sides = ((first, column, start, first), (column, last, last, beyond))
+        usual = [
+            [float(_count(marked, frame, row, *side[2:]).sum()) for side in sides]
+            for marked in (is_pair, is_copy)
+        ]
+        for side, usual_pairs, equal in zip(sides, *usual, strict=True):
+            if usual_pairs < FEWEST:  # a rate of one pair would hold for thousands
+                usual_pairs, equal = sum(usual[0]), sum(usual[1])
+            if usual_pairs < FEWEST:
+                continue
+            here = _count(is_pair, frame, row, *side[:2])
+            copies += _count(is_copy, frame, row, *side[:2])
+            by_chance += equal / usual_pairs * here
             pairs += here
     usual_copies = float(by_chance.sum() / max(pairs.sum(), 1.0))
     # a pixel that the edge has taken is not lost or copied once more by the usual chance
@@ -133,7 +136,6 @@ def _count(
 AROUND_PX = 3  # from an edge of either side: a camera mixes the pixels there
 BROKEN = 0.04  # of depth, from pixel to pixel: an edge
 DEPTHS = 6  # parts of the depth: each has noise of its own
-FEWEST = 50  # pairs of neighbours that differ by 3 mm: the shape of their differences is then known
 # Standard deviations from which copies are more than chance, where there are no holes beside them
 SURE = 4.0
 FEW_HOLES = 3.0  # that stay: fewer say at least how far a filter reaches
