@@ -11,6 +11,8 @@ from saltus.errors import ConfigError
 from saltus.heightmap.settings import ModelConfig, PredictorTraining
 from saltus.heightmap.training.train import load_checkpoint
 
+pytestmark = pytest.mark.usefixtures("short_calibration")
+
 
 @pytest.mark.parametrize(
     "wrong",

@@ -284,6 +284,12 @@ def _claims(log: RunLog, **claims: object) -> RunLog:
     ("hide", "effect", "parameter", "value"),
     [
         (
+            lambda log: _claims(log, motor_strength=log.meta["motor_strength"] / 0.95),
+            "torque_gain",
+            "gain",
+            0.95,
+        ),
+        (
             lambda log: _camera(log, pitch=log.meta["camera"]["pitch"] - 0.03),
             "camera_pitch",
             "offset",
@@ -292,12 +298,6 @@ def _claims(log: RunLog, **claims: object) -> RunLog:
         (_late_images, "camera_latency", "latency", 0.03),
         (_late_imu, "imu_latency", "delay", 0.01),
         (_table("imu", 4, lambda rate: rate + 0.05), "imu_bias", "gyro_x", 0.05),
-        (
-            lambda log: _claims(log, motor_strength=log.meta["motor_strength"] / 0.95),
-            "torque_gain",
-            "gain",
-            0.95,
-        ),
         (
             lambda log: _claims(log, payload_kg=log.meta["payload_kg"] - 0.3),
             "payload_mass",

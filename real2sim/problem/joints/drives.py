@@ -128,12 +128,14 @@ class Drives:
 
         Args:
             law: kp q_des + kd dq_des [Nm], shape (instants, branches, joints).
-            feedforward: What comes later than the law by a delay of its own [Nm], the same shape;
-                None where `law` holds it already.
+            feedforward: Added to the law, later than it by a delay of its own if the drives have
+                one [Nm], the same shape; None where `law` holds it already.
             instants: Now, shape (windows,).
             first: Of the stretch of the log: nothing older is used. Shape (windows,).
             last: Of the stretch: nothing newer is used.
         """
+        if feedforward is not None and self.feedforward_delay is None:
+            law, feedforward = law + feedforward, None
         if self.command_delay is None and feedforward is None:
             return law[np.minimum(instants, last)][..., None]
         delay = np.zeros((*law.shape[1:], 1)) if self.command_delay is None else self.command_delay
