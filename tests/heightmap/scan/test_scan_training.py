@@ -119,7 +119,8 @@ def test_a_burst_in_one_layer_is_clipped_by_what_is_usual_of_that_layer(small):
 
 def test_features_stay_within_their_bound_however_large_weights_are(small):
     settings = replace(small.network, features=4.0)
-    bounded, free = ScanModel(settings, small.map), ScanModel(small.network, small.map)
+    unbounded = replace(small.network, features=0.0)
+    bounded, free = ScanModel(settings, small.map), ScanModel(unbounded, small.map)
     seen = []
     for model in (bounded, free):
         with torch.no_grad():
