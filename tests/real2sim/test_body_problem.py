@@ -110,6 +110,17 @@ def test_soft_or_slippery_ground_is_not_taken_for_another_way_to_compute_contact
     assert likeliest(squares) == true
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_no_other_way_to_compute_contacts_is_taken_by_chance(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    left = {way: 2.0 * np.exp(0.03 * rng.standard_normal(9)) for way in GROUNDS}
+
+    def squares(solver: Solver, others: np.ndarray) -> np.ndarray:
+        return np.tile(left[dataclasses.replace(solver, substeps=1)], (len(others), 1))
+
+    assert likeliest(squares) == GROUNDS[0]
+
+
 def test_feet_that_resist_rolling_close_the_gap() -> None:
     """But for what the choice of the contact solver leaves,
     which is made before anything is fitted.
