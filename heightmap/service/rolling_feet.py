@@ -20,10 +20,10 @@ from saltus.wire.messages import RobotState
 MEAN_S = 0.2
 """Time of standing over which it is averaged: half a bound (on eight courses velocities added up to
 0.98 to 1.02 of the true distance; to 0.91 to 0.96 without)."""
-SINKS_S = 0.1
-"""Time of standing over which it is averaged how deep feet sink: one stance, as a robot has only
-one or two on ground that it saw before it comes to the first edge. Distances to the ground of
-images are off by 2 to 4 mm."""
+SINKS_S = (0.1, 0.5)
+"""Time of standing over which it is averaged how deep feet sink: at first one stance, as a robot has
+only one or two on ground that it saw before it comes to the first edge; then all, up to so long.
+Distances to the ground of images are off by 2 to 4 mm, those beside edges by more."""
 MOST_MPS = 0.3
 """A foot by which the robot is faster than this slips or does not stand."""
 
@@ -38,7 +38,7 @@ class RollingFeet:
 
     def __init__(self, robot: Robot) -> None:
         self._legs, self._radius = LegKinematics(robot), robot.foot_radius
-        self.sole = self._radius
+        self.sole, self._stood = self._radius, 0
         self._missing = np.zeros(3)
 
     def stand(self, gap: Floats) -> None:
@@ -49,8 +49,9 @@ class RollingFeet:
                 shape (n,).
         """
         if len(gap):
-            sunk = POLICY_DT / SINKS_S * float(np.mean(gap))
-            self.sole = min(max(self.sole - sunk, 0.0), self._radius)
+            self._stood += 1
+            share = POLICY_DT / min(max(POLICY_DT * self._stood, SINKS_S[0]), SINKS_S[1])
+            self.sole = min(max(self.sole - share * float(np.mean(gap)), 0.0), self._radius)
 
     def missing(self, state: RobotState) -> Floats:
         """Horizontal velocity that a state leaves out, along the world's axes [m/s], shape (3,).
