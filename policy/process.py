@@ -50,7 +50,8 @@ class PlannerProcess:
     down. From one mover to another it changes while the robot stands, and makes it stand for that.
     The first mover begins; one that walks waits for a command. STOP, which is final, when
     heightmaps end, are invalid, or come from a hidden state that was reset; but STAND while the
-    robot has not moved yet, as on a computer that is still busy with starting.
+    robot has not moved yet, as on a computer that is still busy with starting. A mover that walks
+    comes to a stand then, on the last heights, and goes on when they can be trusted again.
     """
 
     def __init__(self, grid: HeightGrid, *movers: Mover) -> None:
@@ -64,6 +65,7 @@ class PlannerProcess:
         self._arrival_ns = 0
         self._plan: AnyPlan | None = None
         self._command: DriveCommand | None = None
+        self._is_lost = False  # a walking robot slows down because of its heights
         self.notices: list[Notice] = []
         """Notices of what has happened since the caller last emptied the list."""
 
@@ -116,6 +118,8 @@ class PlannerProcess:
                 self._rest(state, PlanStatus.STAND, "no command yet")
         elif not freshness(_COMMANDS, command.time_ns, now_ns).usable:
             self._rest(state, _resting(command.mode), "commands have ended")
+        elif self._is_lost:
+            self._rest(state, PlanStatus.STAND, self._reason)
         elif self._takes_over(command.mode, state):
             self._velocity = (command.velocity_x, command.velocity_y, command.yaw_rate)
         else:
@@ -144,28 +148,33 @@ class PlannerProcess:
             self._status, self._reason = PlanStatus.GO, ""
 
     def _consider_stopping(self, state: RobotState, now_ns: int) -> None:
-        heightmap = self._heightmap
-        if heightmap is None:
+        trouble = self._trouble(now_ns)
+        was_lost, self._is_lost = self._is_lost, trouble is not None and self._mover.waits
+        if trouble is None:
             return
-        silent_ns, age_ns = now_ns - self._arrival_ns, now_ns - heightmap.time_ns
-        if max(silent_ns, age_ns) >= LOST_NS:
-            self._stop(
-                state, "heightmap_lost", f"no heightmap for {max(silent_ns, age_ns) / 1e6:.0f} ms"
-            )
-        elif heightmap.status not in _TRUSTED:
-            self._stop(
-                state,
-                "heightmap_invalid",
-                f"the heightmap of step {heightmap.step} is {heightmap.status.name}",
-            )
-
-    def _stop(self, state: RobotState, code: str, detail: str) -> None:
-        self._reason = detail
+        self._reason = trouble.detail
         if state.mode == ControllerMode.STAND:
             self._status = PlanStatus.STAND
             return
-        self._status = PlanStatus.STOP
-        self.notices.append(Notice(code=code, detail=detail))
+        if not self._is_lost:
+            self._status = PlanStatus.STOP
+        if not was_lost:
+            self.notices.append(trouble)
+
+    def _trouble(self, now_ns: int) -> Notice | None:
+        """Why the newest heights cannot be trusted, if they cannot."""
+        heightmap = self._heightmap
+        if heightmap is None:
+            return None
+        old_ns = max(now_ns - self._arrival_ns, now_ns - heightmap.time_ns)
+        if old_ns >= LOST_NS:
+            return Notice(code="heightmap_lost", detail=f"no heightmap for {old_ns / 1e6:.0f} ms")
+        if heightmap.status in _TRUSTED:
+            return None
+        return Notice(
+            code="heightmap_invalid",
+            detail=f"the heightmap of step {heightmap.step} is {heightmap.status.name}",
+        )
 
     def _planned(self, state: RobotState) -> AnyPlan:
         heights = None
