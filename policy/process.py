@@ -45,13 +45,14 @@ class PlannerProcess:
     """Turns states and heightmaps into plans; decides between STAND, GO and STOP.
 
     STAND until the robot has stood for 0.5 s and a heightmap is OK; then GO, also on heightmaps
-    that are degraded. After the first command of an operator it goes only while the newest one says
-    what one of the movers does (JUMP or WALK) and is not older than 0.5 s; else it stands, or lies
-    down. From one mover to another it changes while the robot stands, and makes it stand for that.
-    The first mover begins; one that walks waits for a command. STOP, which is final, when
-    heightmaps end, are invalid, or come from a hidden state that was reset; but STAND while the
-    robot has not moved yet, as on a computer that is still busy with starting. A mover that walks
-    comes to a stand then, on the last heights, and goes on when they can be trusted again.
+    that are degraded, on which a mover that walks begins, too. After the first command of an
+    operator it goes only while the newest one says what one of the movers does (JUMP or WALK) and
+    is not older than 0.5 s; else it stands, or lies down. From one mover to another it changes
+    while the robot stands, and makes it stand for that. The first mover begins; one that walks
+    waits for a command. STOP, which is final, when heightmaps end, are invalid, or come from a
+    hidden state that was reset; but STAND while the robot has not moved yet, as on a computer that
+    is still busy with starting. A mover that walks comes to a stand then, on the last heights, and
+    goes on when they can be trusted again.
     """
 
     def __init__(self, grid: HeightGrid, *movers: Mover) -> None:
@@ -91,7 +92,7 @@ class PlannerProcess:
         if self._status == PlanStatus.GO:
             self._consider_stopping(state, now_ns)
         elif self._status != PlanStatus.STOP:
-            self._consider_going(state)
+            self._consider_going(state, now_ns)
         self._obey(state, now_ns)
         self._plan = self._planned(state)
         return self._plan
@@ -135,17 +136,20 @@ class PlannerProcess:
         if self._status != PlanStatus.GO or not self._mover.slows(state):
             self._status, self._reason = status, reason
 
-    def _consider_going(self, state: RobotState) -> None:
+    def _consider_going(self, state: RobotState, now_ns: int) -> None:
         self._status = PlanStatus.STAND
         stood_ns = state.time_ns - (self._first_ns or 0)
+        trusted = _TRUSTED if self._mover.waits else (HeightmapStatus.OK,)
         if self._heightmap is None:
             self._reason = "no heightmap yet"
-        elif self._heightmap.status != HeightmapStatus.OK:
+        elif (trouble := self._trouble(now_ns)) is not None:
+            self._reason = trouble.detail
+        elif self._heightmap.status not in trusted:
             self._reason = f"the heightmap is {self._heightmap.status.name}"
         elif stood_ns < STAND_NS:
             self._reason = "the robot has not stood long enough"
         else:
-            self._status, self._reason = PlanStatus.GO, ""
+            self._status, self._reason, self._is_lost = PlanStatus.GO, "", False
 
     def _consider_stopping(self, state: RobotState, now_ns: int) -> None:
         trouble = self._trouble(now_ns)

@@ -41,7 +41,10 @@ CODES: dict[str, tuple[str, str]] = {
         "policy",
         "heights come on another grid than that of the run: they are not used",
     ),
-    "heightmap_lost": ("policy", "no heights came, or old ones: it stops the robot, or makes a walking one stand"),
+    "heightmap_lost": (
+        "policy",
+        "no heights came, or old ones: it stops the robot, or makes a walking one stand",
+    ),
     "plan_lost": ("controller", "the newest plan is too old"),
     "plan_back": ("controller", "plans come in time again"),
     **{

@@ -13,7 +13,7 @@ from saltus.arrays import Array
 from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.loop.planner import Observation
 from saltus.plan import Plan
-from saltus.policy.mover import Jumper
+from saltus.policy.mover import AT_REST, Decision, Jumper
 from saltus.policy.process import LOST_NS, STAND_NS, PlannerProcess
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.states import standing_state
@@ -29,6 +29,7 @@ from saltus.wire.messages import (
 )
 
 STEP_NS = 10_000_000
+_SEEN = (HeightmapStatus.OK, HeightmapStatus.DEGRADED)
 STATE = replace(standing_state(ROBOT), base_height=0.27)
 
 
@@ -115,6 +116,51 @@ def test_every_history_of_four_heightmaps() -> None:
         assert [plan.status for plan in plans] == expected, history
         assert [notice.code for notice in process.notices] == (["heightmap_invalid"] if bad else [])
         assert all(bool(plan.reason) == (plan.status != PlanStatus.GO) for plan in plans)
+
+
+class Walking(Jumper):
+    """Waits for commands, as one that walks does; slows down as long as it is told to."""
+
+    waits = True
+
+    def __init__(self, *, slows: bool) -> None:
+        super().__init__(ROBOT, ScriptedPlanner(ROBOT, LINE))
+        self._slow, self.asked = slows, AT_REST
+
+    def plan(self, decision: Decision) -> MotionPlan:
+        self.asked = decision.velocity
+        return super().plan(decision)
+
+    def slows(self, _state: RobotState) -> bool:
+        return self._slow
+
+
+@pytest.mark.parametrize("slows", [True, False])
+def test_a_robot_that_walks_stands_while_heights_are_lost_and_goes_on(slows: bool) -> None:
+    """After every history: no STOP; velocity 0 on bad heights, that of the command on good ones."""
+    kinds = (None, *HeightmapStatus)
+    fatal = (HeightmapStatus.WARMING, HeightmapStatus.INVALID)
+    wish = (0.8, 0.1, -0.2)
+    for begins, *history in product(_SEEN, *3 * [kinds], [HeightmapStatus.OK]):
+        mover = Walking(slows=slows)
+        process, is_bad, onsets = PlannerProcess(LINE, mover), False, 0
+        steps = STAND_NS // STEP_NS + 1
+        for step, status in enumerate([begins] * steps + history):
+            seen = None if status is None else heightmap(step, status)
+            was_bad, is_bad = is_bad, status in fatal or (is_bad and status is None)
+            onsets += is_bad and not was_bad
+            said = replace(
+                command(CommandMode.JUMP, step),
+                velocity_x=wish[0], velocity_y=wish[1], yaw_rate=wish[2],
+            )  # fmt: skip
+            plan = process.step(state(step), seen, step * STEP_NS, said)
+            if step < steps - 1:
+                continue
+            goes = slows or not is_bad
+            assert plan.status == (PlanStatus.GO if goes else PlanStatus.STAND), history
+            assert mover.asked == (AT_REST if is_bad else wish), history
+        if slows:
+            assert len(process.notices) == onsets
 
 
 def test_every_history_of_four_heightmaps_while_the_robot_stands() -> None:
