@@ -51,11 +51,11 @@ class Trials(RobotOption, JsonOption):
     """Grounds to cross; none by --grounds alone."""
     drills: tuple[str, ...] = ("plain", "rubble")
     """Grounds of the drills; none by --drills alone."""
-    routes: tuple[str, ...] = ()
+    routes: Annotated[tuple[str, ...], shown("STR", "none")] = ()
     """Routes over goals: landing (stairs round a corner), course (eight drawn parts), arena."""
-    stops: tuple[str, ...] = ()
+    stops: Annotated[tuple[str, ...], shown("STR", "none")] = ()
     """Grounds to stop on."""
-    lines: tuple[str, ...] = ()
+    lines: Annotated[tuple[str, ...], shown("STR", "none")] = ()
     """Grounds of the drills on which a line is to be reached."""
     push_ns: float = 0.0
     """One push sideways while a robot walks, of 0.1 s, at a drawn place and from a drawn side [Ns]."""
