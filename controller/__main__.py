@@ -139,7 +139,7 @@ class ControllerRun:
 
     @property
     def _doubt(self) -> str:
-        """Why the robot is given up, damped or landing; empty while it is not."""
+        """Reason to give the robot up, damped or landing; empty while there is none."""
         return self._robot.fault or self._robot.concern
 
     def _finished(self) -> bool:

@@ -31,7 +31,7 @@ class Decision:
     """As commanded."""
     status: PlanStatus = PlanStatus.GO
     reason: str = ""
-    """Why the status is not GO."""
+    """Reason for which the status is not GO."""
 
 
 class Mover(Protocol):

@@ -166,7 +166,7 @@ class PlannerProcess:
             self.notices.append(trouble)
 
     def _trouble(self, now_ns: int) -> Notice | None:
-        """Why the newest heights cannot be trusted, if they cannot."""
+        """Reason not to trust the newest heights; None where they can be trusted."""
         heightmap = self._heightmap
         if heightmap is None:
             return None

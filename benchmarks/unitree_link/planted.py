@@ -130,7 +130,7 @@ def run_with(kind: str, seed: int) -> dict[str, Any]:
 
 
 def _how(bounding: Bounding) -> str:
-    """How a robot is brought to rest; empty while it bounds."""
+    """Damped or landed, as a robot is brought to rest; empty while it bounds."""
     if _is_damping(bounding.wire.sent[-1]):
         return "damped"
     return "landed" if bounding.run.mode == ControllerMode.LANDING else ""

@@ -178,7 +178,7 @@ class ScanPredictor:
         return Ground(height - base[0, 2], half_width, _last_seen(state.seen_s[0], place[0]))
 
     def above(self, pose: Pose, points: Singles) -> Floats:
-        """How far the ground that images showed is above points, by the map alone [m], shape (n,).
+        """Height of the ground that images showed above points, by the map alone [m], shape (n,).
 
         NaN where no image showed it.
 

@@ -30,7 +30,7 @@ Run = Callable[[Operator], Iterator[WalkStep]]
 
 
 def failure(step: WalkStep) -> Cause:
-    """Why a robot cannot go on after a step; empty where it can."""
+    """Reason for which a robot cannot go on after a step; empty where it can."""
     if step.touched:
         return "trunk_contact"
     if not is_upright(step.truth.quaternion_base_in_world):

@@ -44,7 +44,7 @@ class Goals:
 
     @property
     def left(self) -> int:
-        """How many are still to be reached."""
+        """Number of goals that are still to be reached."""
         return len(self._left)
 
     def wish(self, state: RobotState) -> Wish:

@@ -46,7 +46,7 @@ def commands() -> tuple[Floats, list[dict[str, Any]]]:
 def motion(
     *effects: Effect[Any], kp: float = KP, stretched: float = 0.0, integral: float = 0.0
 ) -> RunLog:
-    """What a held robot does, without noise, with effects of drives and of what holds it.
+    """Motion of a held robot, without noise, with effects of drives and of what holds it.
 
     Knees may be told to be `stretched` by so much [rad]; drives may have an `integral` term
     [Nm/(rad s)], which belongs to no effect.

@@ -342,7 +342,7 @@ def test_holes_and_copies_at_edges_are_counted(holes: int, copies: int) -> None:
 
 @pytest.mark.parametrize("slope_mm", [1.0, 5.0, 30.0])
 def test_a_few_pairs_of_neighbours_are_no_rate_of_copies(slope_mm: float) -> None:
-    """Of all slopes beyond the edge one pair shows by chance what thousands at the edge do not."""
+    """One pair of all slopes beyond the edge shows by chance what thousands at the edge do not."""
     rng = np.random.default_rng(4)
     true = np.full((40, 10, 60), 2.0)
     true[..., 40:50] = 1.0 + 1e-3 * slope_mm * np.maximum(41 - np.arange(40, 50), 0)

@@ -62,7 +62,7 @@ class StateWatch:
         self.fault = ""
         """Why the robot is lost, in words; empty while it is not. It stays."""
         self.concern = ""
-        """Why it had better land and stand, in words; empty while it need not. It stays."""
+        """Reason to land and stand, in words; empty while there is none. It stays."""
         self._gaps_ms: deque[int] = deque(maxlen=GAPS)
         self._states_late = 0
         self._arrived_s = 0.0
