@@ -67,7 +67,7 @@ class SpeedBrake:
 
     FREE = 0.8
     """Share of the rated speed up to which joints are free: with 8 Nm s/rad knees of a Go2 that
-    jumps up a step of 0.5 m reach 15.9 rad/s of 15.7; with 0.9 they reach 17, without a brake 21."""
+    jumps up a step of 0.5 m reach 15.9 rad/s of 15.7; with 0.9 they reach 17, with no brake 21."""
 
     def __init__(self, robot: Robot) -> None:
         self._kd, self._rated = robot.gains.brake_kd, Constant(robot.speed_limit)

@@ -66,7 +66,7 @@ class PlannerProcess:
         self._arrival_ns = 0
         self._plan: AnyPlan | None = None
         self._command: DriveCommand | None = None
-        self._is_lost = False  # a walking robot slows down because of its heights
+        self._lost = ""  # why a walking robot slows down, if because of its heights
         self.notices: list[Notice] = []
         """Notices of what has happened since the caller last emptied the list."""
 
@@ -119,12 +119,12 @@ class PlannerProcess:
                 self._rest(state, PlanStatus.STAND, "no command yet")
         elif not freshness(_COMMANDS, command.time_ns, now_ns).usable:
             self._rest(state, _resting(command.mode), "commands have ended")
-        elif self._is_lost:
-            self._rest(state, PlanStatus.STAND, self._reason)
-        elif self._takes_over(command.mode, state):
-            self._velocity = (command.velocity_x, command.velocity_y, command.yaw_rate)
-        else:
+        elif not self._takes_over(command.mode, state):
             self._rest(state, _resting(command.mode), f"the command is {command.mode.name}")
+        elif self._lost:
+            self._rest(state, PlanStatus.STAND, self._lost)
+        else:
+            self._velocity = (command.velocity_x, command.velocity_y, command.yaw_rate)
 
     def _takes_over(self, mode: CommandMode, state: RobotState) -> bool:
         """True where the mover that follows a command has the robot, or takes one that rests."""
@@ -149,19 +149,20 @@ class PlannerProcess:
         elif stood_ns < STAND_NS:
             self._reason = "the robot has not stood long enough"
         else:
-            self._status, self._reason, self._is_lost = PlanStatus.GO, "", False
+            self._status, self._reason, self._lost = PlanStatus.GO, "", ""
 
     def _consider_stopping(self, state: RobotState, now_ns: int) -> None:
         trouble = self._trouble(now_ns)
-        was_lost, self._is_lost = self._is_lost, trouble is not None and self._mover.waits
+        was_lost, self._lost = self._lost, ""
         if trouble is None:
             return
-        self._reason = trouble.detail
         if state.mode == ControllerMode.STAND:
-            self._status = PlanStatus.STAND
+            self._status, self._reason = PlanStatus.STAND, trouble.detail
             return
-        if not self._is_lost:
-            self._status = PlanStatus.STOP
+        if self._mover.waits:
+            self._lost = trouble.detail
+        else:
+            self._status, self._reason = PlanStatus.STOP, trouble.detail
         if not was_lost:
             self.notices.append(trouble)
 

@@ -21,8 +21,8 @@ MEAN_S = 0.2
 """Time of standing over which it is averaged: half a bound (on eight courses velocities added up to
 0.98 to 1.02 of the true distance; to 0.91 to 0.96 without)."""
 SINKS_S = (0.1, 0.5)
-"""Time of standing over which it is averaged how deep feet sink: at first one stance, as a robot has
-only one or two on ground that it saw before it comes to the first edge; then all, up to so long.
+"""Times of standing, at first and later, over which the depth is averaged by which feet sink: a
+robot has only one stance or two on ground that it saw before it comes to the first edge.
 Distances to the ground of images are off by 2 to 4 mm, those beside edges by more."""
 MOST_MPS = 0.3
 """A foot by which the robot is faster than this slips or does not stand."""

@@ -41,8 +41,8 @@ LEGS_STEP_M = 0.001
 its way (1 to 3 % of it) and less in height. With the 4 mm of odometry of any kind matching made
 3.7 mm in height within 0.4 s, by the legs alone, 7 mm, and 13 within 0.05 s at edges."""
 LEGS_FOOT_GAIN = 0.05
-"""`MapSettings.foot_gain` there: feet that sink are below the ground of images, and those near edges
-beside it."""
+"""`MapSettings.foot_gain` there: feet that sink are below the ground of images, and those near
+edges beside it."""
 FIRST = ""
 """Name of the camera whose images come under `camera/depth` itself."""
 
@@ -61,8 +61,8 @@ class ScanRig:
     `standing_feet`."""
     body: OwnBody = field(default_factory=NoBody)
     shadows: bool = False
-    """Heights are for a planner of jumps, which reads them alone: ground in doubt that leads down is
-    told lower (`saltus.heightmap.scan.shadows`)."""
+    """Heights are for a planner of jumps, which reads them alone: ground in doubt that leads down
+    is told lower (`saltus.heightmap.scan.shadows`)."""
 
 
 class Worker(Protocol):

@@ -58,7 +58,7 @@ class Trials(RobotOption, JsonOption):
     lines: Annotated[tuple[str, ...], shown("STR", "none")] = ()
     """Grounds of the drills on which a line is to be reached."""
     push_ns: float = 0.0
-    """One push sideways while a robot walks, of 0.1 s, at a drawn place and from a drawn side [Ns]."""
+    """One push sideways while a robot walks, of 0.1 s, at a drawn place and to a drawn side [Ns]."""
     friction: Annotated[float | None, shown("FLOAT", "0.5 to 1.0, drawn")] = None
     """Friction between feet and ground."""
     camera_late_s: Annotated[float | None, shown("FLOAT", "0.03 to 0.06, drawn")] = None

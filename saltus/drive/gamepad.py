@@ -33,7 +33,7 @@ HELP = (
 
 
 def moved(wish: Wish, kind: int, number: int, value: int) -> Wish:
-    """The wish after an event: a stick that is pushed means to walk; other events change nothing."""
+    """The wish after an event: a pushed stick means to walk; other events change nothing."""
     if kind == BUTTON and value and number in MODES:
         return Wish(mode=MODES[number])
     if kind != AXIS or number not in STICKS:

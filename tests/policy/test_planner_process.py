@@ -159,8 +159,23 @@ def test_a_robot_that_walks_stands_while_heights_are_lost_and_goes_on(slows: boo
             goes = slows or not is_bad
             assert plan.status == (PlanStatus.GO if goes else PlanStatus.STAND), history
             assert mover.asked == (AT_REST if is_bad else wish), history
+            assert bool(plan.reason) == (not goes), history
         if slows:
             assert len(process.notices) == onsets
+
+
+@pytest.mark.parametrize("mode", CommandMode)
+def test_a_robot_that_walks_obeys_other_commands_while_heights_are_lost(mode: CommandMode) -> None:
+    process, steps = PlannerProcess(LINE, Walking(slows=False)), STAND_NS // STEP_NS + 3
+    for step in range(steps + 2):
+        is_bad = step >= steps
+        seen = heightmap(step, HeightmapStatus.INVALID if is_bad else HeightmapStatus.OK)
+        said = command(mode if is_bad else CommandMode.JUMP, step)
+        plan = process.step(state(step), seen, step * STEP_NS, said)
+        if step == steps - 1:
+            assert plan.status == PlanStatus.GO
+    lies = mode == CommandMode.LIE_DOWN
+    assert plan.status == (PlanStatus.LIE if lies else PlanStatus.STAND)
 
 
 def test_every_history_of_four_heightmaps_while_the_robot_stands() -> None:
