@@ -14,8 +14,8 @@ from saltus.flags import EndpointOption, Flag, shown
 class Drive(EndpointOption):
     """Commands the robot of a running stack: stand, walk, jump, lie down. It stands when this ends.
 
-    A script is a CSV file with the columns time_s, mode, ahead_mps, left_mps, turn_rps; each row
-    holds until the next one.
+    A script is a CSV file with the columns time_s, mode, ahead_mps, left_mps, turn_rps, x_m, y_m;
+    each row holds until the next one, and one with x_m and y_m leads to that place.
 
     For example:
       saltus drive --run-dir runs/one --script round.csv

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from saltus.drive import gamepad
-from saltus.drive.goals import Goals
+from saltus.drive.goals import TURN_RPS, Goals
 from saltus.drive.keys import unbuffered
 from saltus.drive.script import Script
 from saltus.drive.wish import Wish
@@ -19,7 +19,7 @@ WAIT_S = 0.1
 AFTER_S = 1.0
 """A script or goals of `saltus drive` end so long after their last wish, which has then been
 heard."""
-SPEED_MPS, TURN_RPS = 0.6, 0.8
+SPEED_MPS = 0.6
 """Between goals: well within what policies are trained for."""
 
 Driver = Callable[[RobotState], Wish | None]
@@ -56,7 +56,7 @@ def of_run(context: ProcessContext) -> Driver:
             "the run has no script of commands: give --script, --goals, --keys or --gamepad"
         )
     script = Script(Path(path))
-    return lambda state: script.at(1e-9 * state.time_ns)
+    return lambda state: script.wish(1e-9 * state.time_ns, state)
 
 
 def by_script(path: Path) -> Driver:
@@ -66,7 +66,7 @@ def by_script(path: Path) -> Driver:
     def drive(state: RobotState) -> Wish | None:
         first.append(state.time_ns) if not first else None
         time_s = 1e-9 * (state.time_ns - first[0])
-        return None if time_s > script.end_s + AFTER_S else script.at(time_s)
+        return None if time_s > script.end_s + AFTER_S else script.wish(time_s, state)
 
     return drive
 

@@ -19,6 +19,8 @@ ON_THE_SPOT_RAD = math.radians(60.0)
 SLOWING = 1.0
 """Speed by distance from the last goal [1/s]: it arrives slowly."""
 SLOWEST_MPS = 0.3
+TURN_RPS = 0.8
+"""Fastest turning where none is given: well within what policies are trained for."""
 
 
 class Goals:
