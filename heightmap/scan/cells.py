@@ -147,7 +147,7 @@ def _overlap(by: int, side: int) -> tuple[slice, slice]:
 def sampled(values: Array, place: Array) -> Array:
     """Bilinear values at places (batch, n, 2) in units of cells, held at the border.
 
-    Shape (batch, n).
+    Shape (batch, n). Places of one batch serve all.
     """
     xp, side = namespace(values), values.shape[1]
     place = place.clip(0.0, side - 1.0)

@@ -36,6 +36,7 @@ INPUTS = ("filled", "measured", "memory", "numbers")
 OUTPUTS = ("height", "half_width")
 FARTHEST_M = 2.0 * REACH_M
 """From a filled height no plausible one is farther, and no half-width is larger."""
+_BESIDE = np.arange(-1, 2)
 _NAMES = {"measured": MEASURED, "memory": MEMORY, "numbers": NUMBERS}
 
 
@@ -127,7 +128,7 @@ class ScanPredictor:
 
     def reset(self) -> None:
         """Forgets everything: the robot was carried elsewhere, or its odometry jumped."""
-        self._known: tuple[ElevationMap, Heights | None] = (
+        self._known: tuple[ElevationMap, Singles | None] = (
             new_map(1, self._settings, np.zeros(1, np.float32)), None,
         )  # fmt: skip
 
@@ -148,7 +149,7 @@ class ScanPredictor:
         ):
             return False
         told = Heights(around.filled + height, half_width)
-        self._known = (remembered(state, told), told)
+        self._known = (remembered(state, told), np.concatenate(told))
         return True
 
     def heights(self, pose: Pose, yaw: float, grid: HeightGrid) -> tuple[Floats, Floats]:
@@ -174,7 +175,7 @@ class ScanPredictor:
         base = pose.position + state.correction
         x, y = grid.points_in_world(base[0, :2].astype(np.float64), np.asarray(yaw))
         place = places(np.stack([x, y], -1)[None], state.corner, self._settings)
-        height, half_width = (np.asarray(sampled(values, place)[0], np.float64) for values in told)
+        height, half_width = np.asarray(sampled(told, place), np.float64)
         return Ground(height - base[0, 2], half_width, _last_seen(state.seen_s[0], place[0]))
 
     def above(self, pose: Pose, points: Singles) -> Floats:
@@ -201,9 +202,10 @@ def _last_seen(seen_s: Singles, place: Floats) -> Floats:
 
     Minus infinity where none ever did.
     """
+    side = len(seen_s)
     cell = np.floor(place + 0.5).astype(np.int64)
-    reach = np.arange(-1, 2)
-    rows, columns = ((cell[:, axis, None] + reach).clip(0, len(seen_s) - 1) for axis in (0, 1))
-    newest = seen_s[rows[:, :, None], columns[:, None, :]].max((1, 2)).astype(np.float64)
-    outside = ((cell < 0) | (cell >= len(seen_s))).any(-1)
-    return np.where(outside | (newest <= 0.5 * NEVER_S), -np.inf, newest)
+    rows, columns = ((cell[:, axis, None] + _BESIDE).clip(0, side - 1) for axis in (0, 1))
+    around = (side * rows[:, :, None] + columns[:, None, :]).reshape(len(place), -1)
+    newest = seen_s.reshape(-1)[around].max(1).astype(np.float64)
+    inside = ((cell >= 0) & (cell < side)).all(-1)
+    return np.where(inside & (newest > 0.5 * NEVER_S), newest, -np.inf)

@@ -14,7 +14,7 @@ from saltus.arrays import Floats
 from saltus.constants import POLICY_DT
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
-from saltus.rotations import rotation_matrix
+from saltus.rotations import rotation_matrix, skew
 from saltus.wire.messages import RobotState
 
 MEAN_S = 0.2
@@ -34,11 +34,14 @@ class RollingFeet:
     Attributes:
         sole: Height of the centre of a standing foot above the ground [m]: the foot's radius, less
             what it sinks by.
+        centres: Of the feet in the base frame [m] at the last state in which one stood, shape
+            (4, 3).
     """
 
     def __init__(self, robot: Robot) -> None:
         self._legs, self._radius = LegKinematics(robot), robot.foot_radius
         self.sole, self._stood = self._radius, 0
+        self.centres = np.zeros((4, 3))
         self._missing = np.zeros(3)
 
     def stand(self, gap: Floats) -> None:
@@ -76,11 +79,11 @@ class RollingFeet:
         turn = np.asarray(state.angular_velocity_base, np.float64)
         position = np.asarray(state.joint_position, np.float64)
         joint = np.asarray(state.joint_velocity, np.float64).reshape(4, 3)
-        foot, jacobian = self._legs.position_and_jacobian(position)
-        relative = (jacobian @ joint[..., None])[..., 0] + np.cross(turn, foot)
+        self.centres, jacobian = self._legs.position_and_jacobian(position)
+        relative = (jacobian @ joint[..., None])[..., 0] + self.centres @ skew(turn).T
         abduction, bend = position.reshape(4, 3)[:, 0], joint[:, 1] + joint[:, 2]
         shank = turn + np.stack(
             [joint[:, 0], np.cos(abduction) * bend, np.sin(abduction) * bend], axis=-1
         )
-        rolling = np.cross(shank @ rotation.T, [0.0, 0.0, self.sole])
+        rolling = (shank @ rotation.T) @ skew(np.array([0.0, 0.0, -self.sole])).T
         return np.asarray(rolling - relative @ rotation.T)

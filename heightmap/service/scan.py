@@ -24,7 +24,6 @@ from saltus.heightmap.service.image_watch import DEPTH, NO_FRAME, ImageWatch, wo
 from saltus.heightmap.service.quantiles import UNKNOWN_HALF_WIDTH_M
 from saltus.heightmap.service.rolling_feet import RollingFeet
 from saltus.heightmap.service.sight import BAD_OUTPUTS_TO_FORGET, BLIND_INVALID_PIXELS
-from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
 from saltus.wire.topics import Topic
@@ -118,7 +117,6 @@ class ScanService:
     ) -> None:
         self._network, self._rig, self._depth = network, rig, depth
         self._worker: Worker = worker or AtOnce()
-        self._legs = None if rig.robot is None else LegKinematics(rig.robot)
         self._map = network.settings
         if rig.robot is not None:
             self._map = replace(
@@ -256,11 +254,9 @@ class ScanService:
     def _feet(self, state: RobotState) -> Singles:
         """Ground under the feet that surely stand, base frame [m], shape (n, 3)."""
         told = np.asarray(state.standing_feet, np.float32)
-        if self._legs is None or self._rig.robot is None:
+        if self._rolling is None:
             return told
-        centres = self._legs.position(np.asarray(state.joint_position, np.float64))[
-            np.asarray(state.leg_trusted)
-        ]
+        centres = self._rolling.centres[np.asarray(state.leg_trusted)]
         under = centres - self.sole * self._trail.now.rotation[2]
         return np.concatenate([under.astype(np.float32), told])
 
