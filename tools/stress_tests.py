@@ -32,7 +32,8 @@ ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "runs" / "stress_tests"
 DONE = FOLDER / "done.json"
 PHASES = ("alone", "order", "busy")
-PART = 68  # files of a random order in one process: as a worker of `make test` gets
+PART = 68
+"""Files of a random order in one process: as a worker of `make test` gets."""
 LIMIT_S = 5400.0  # for a process; a part takes half an hour beside six busy programs
 LOOP = "total = 0\nfor _ in range(20_000_000):\n    total += 1"
 SPIN = "import os\nparent = os.getppid()\nwhile os.getppid() == parent:\n    sum(range(10**6))"
@@ -71,7 +72,12 @@ class Outcome:
 
 
 def pieces(
-    phases: list[str], only: list[str], orders: int, times: int, marks: str = ""
+    phases: list[str],
+    only: list[str],
+    orders: int,
+    times: int,
+    marks: str = "",
+    part: int = PART,
 ) -> list[Piece]:
     """The pieces to run, in their order."""
     files = [str(path.relative_to(ROOT)) for path in sorted((ROOT / "tests").rglob("test_*.py"))]
@@ -83,19 +89,22 @@ def pieces(
     if "order" in phases:
         for seed in range(orders):
             shuffled = random.Random(seed).sample(files, len(files))  # noqa: S311
-            found += _parts(f"order {seed}", shuffled, where, seed)
+            found += _parts(f"order {seed}", shuffled, where, part, seed)
     if "busy" in phases:
         for again in range(times):
-            found += _parts(f"busy {again}", files, where)
+            found += _parts(f"busy {again}", files, where, part)
     if marks:
         return [replace(each, name=f"{each.name} of {marks}", marks=marks) for each in found]
     return found
 
 
-def _parts(name: str, files: list[str], where: str, seed: int | None = None) -> Iterator[Piece]:
-    for number, begin in enumerate(range(0, len(files), PART)):
-        part = tuple(files[begin : begin + PART])
-        yield Piece(f"{name} part {number}{where}", part, seed)
+def _parts(
+    name: str, files: list[str], where: str, size: int, seed: int | None = None
+) -> Iterator[Piece]:
+    sized = "" if size == PART else f" by {size}"
+    for number, begin in enumerate(range(0, len(files), size)):
+        part = tuple(files[begin : begin + size])
+        yield Piece(f"{name} part {number}{sized}{where}", part, seed)
 
 
 def run(piece: Piece, commit: str) -> Outcome:
@@ -189,12 +198,13 @@ def main() -> int:
     parser.add_argument("--orders", type=int, default=3, help="random orders, of seeds 0, 1, ...")
     parser.add_argument("--times", type=int, default=3, help="runs beside busy programs")
     parser.add_argument("--marks", default="", help="as `pytest -m`: 'not slow' for make test")
+    parser.add_argument("--part", type=int, default=PART, help="files of an order in one process")
     parser.add_argument("--programs", type=int, default=6, help="that are busy")
     parser.add_argument("--jobs", type=int, default=1, help="processes of pytest at once")
     parser.add_argument("--again", action="store_true", help="forget what passed")
     asked = parser.parse_args()
     FOLDER.mkdir(parents=True, exist_ok=True)
-    wanted = pieces(asked.phases, asked.only, asked.orders, asked.times, asked.marks)
+    wanted = pieces(asked.phases, asked.only, asked.orders, asked.times, asked.marks, asked.part)
     done = {} if asked.again else read_done()
     head = ["git", "rev-parse", "--short", "HEAD"]
     commit = subprocess.check_output(head, cwd=ROOT, encoding="utf-8")

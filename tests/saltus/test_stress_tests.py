@@ -34,6 +34,17 @@ def test_each_phase_has_every_file_once_and_orders_differ(tool: Any) -> None:
     assert len({tuple(files) for files in runs.values()}) == 4  # three orders, and the usual one
 
 
+@pytest.mark.parametrize("size", [1, 14, 10_000])
+def test_an_order_is_the_same_in_parts_of_any_size(tool: Any, size: int) -> None:
+    usual = tool.pieces(["order", "busy"], [], 2, 1)
+    parts = tool.pieces(["order", "busy"], [], 2, 1, part=size)
+    assert not {piece.name for piece in usual} & {piece.name for piece in parts}
+    assert max(len(piece.files) for piece in parts) == min(size, len(FILES))
+    assert [(file, piece.seed) for piece in usual for file in piece.files] == [
+        (file, piece.seed) for piece in parts for file in piece.files
+    ]
+
+
 def test_a_run_of_some_tests_is_another_than_one_of_all(tool: Any) -> None:
     every, quick = (tool.pieces(["order"], [], 1, 0, marks) for marks in ("", "not slow"))
     assert [piece.files for piece in quick] == [piece.files for piece in every]
