@@ -26,12 +26,12 @@ types: $(VENV)/.development
 imports: $(VENV)/.development
 	$(BIN)/lint-imports
 
-# Three workers for two cores, as some wait, each a file at a time in the order of tests/conftest.py. Tests start processes by the
+# Two workers, each a file at a time in the order of tests/conftest.py. Tests start processes by the
 # dozen: the project is compiled once, whatever the environment says. What they leave of the processors goes to mypy, which
 # yields to them, but only so far: beside six busy programs a mypy at nice 19 got 11 s of processor time in half an hour.
 unit processes: export PYTHONDONTWRITEBYTECODE :=
 unit: $(VENV)/.development
-	nice -n 5 $(BIN)/mypy & types=$$!; $(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder -m 'not realtime $(AND_NOT_SLOW)'; \
+	nice -n 5 $(BIN)/mypy & types=$$!; $(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not realtime $(AND_NOT_SLOW)'; \
 	tests=$$?; wait $$types && exit $$tests
 
 # Tests with limits in real time come alone; others need no such peace. First they measure how fast the computer is, and beside

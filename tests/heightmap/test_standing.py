@@ -125,6 +125,7 @@ FAULTS: dict[str, tuple[type[Message], Change, list[str]]] = {
 }
 
 
+@pytest.mark.sample(5)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_what_is_wrong_is_named_and_nothing_else(
     standing: Recording, tmp_path: Path, fault: str
@@ -133,6 +134,7 @@ def test_what_is_wrong_is_named_and_nothing_else(
     assert bad(changed(standing, tmp_path / "changed.mcap", kind, change, None)) == names
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("off", [{"pitch": 0.04}, {"pitch": -0.04}, {"z": 0.02}, {"z": -0.02}])
 def test_a_camera_that_sits_elsewhere_than_claimed_is_named(
     standing: Recording, tmp_path: Path, off: dict[str, float]

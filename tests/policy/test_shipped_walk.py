@@ -38,6 +38,7 @@ def steps_of(robot: str, wish: Wish) -> Iterator[WalkStep]:
     return takewhile(lambda step: step.time_s < STOPS_S + 2.0, run)
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("robot", WALKS)
 @pytest.mark.parametrize(("ahead", "turn"), [(0.8, 0.0), (0.5, 0.5)])
 def test_it_walks_as_it_is_told_to_and_stands(robot: str, ahead: float, turn: float) -> None:

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from benchmarks._kills import ON_FLAT_GROUND
 from saltus.grid import LINE, SCAN
@@ -21,6 +22,7 @@ SHARE = 0.5
 """Share of the states that must be answered: on a busy computer some are too old to be."""
 
 
+@pytest.mark.slow
 def test_a_stack_tells_the_line_and_the_scan(speed: float, tmp_path: Path) -> None:
     run = replace(ON_FLAT_GROUND, speed=speed)
     with Stack(run, tmp_path, (scan("scan"), *PROGRAMS)) as stack:

@@ -155,7 +155,7 @@ def _rows(log: RunLog, rows: np.ndarray, keeps_time: bool = False) -> RunLog:
     return replace(log, joints=replace(log.joints, **columns))
 
 
-@pytest.mark.sample(16)
+@pytest.mark.sample(10)
 @pytest.mark.parametrize("damage", DAMAGES)
 @pytest.mark.parametrize("family", MOVING)
 def test_damage_of_the_log_of_a_moving_robot_is_named(
@@ -211,6 +211,7 @@ def test_what_a_jumping_log_tells_is_compared_and_what_it_cannot_is_said(
     } <= judgement.verdict.minimum_detectable.keys()
 
 
+@pytest.mark.slow
 def test_find_says_in_one_line_what_was_not_compared(
     logs: dict[str, RunLog], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -236,6 +237,7 @@ def test_a_landing_is_not_smoothed_out_of_the_motion_of_a_camera(logs: dict[str,
     assert np.std(left, axis=0).min() > 1e-4  # noise is taken away from a robot that stands
 
 
+@pytest.mark.slow
 def test_errors_of_the_pose_that_far_pixels_multiply_are_noise_of_a_camera(
     logs: dict[str, RunLog],
 ) -> None:
@@ -279,7 +281,7 @@ def _claims(log: RunLog, **claims: object) -> RunLog:
     return replace(log, meta={**log.meta, **claims})
 
 
-@pytest.mark.sample(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hide", "effect", "parameter", "value"),
     [

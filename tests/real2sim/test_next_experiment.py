@@ -50,6 +50,7 @@ def test_a_weak_drive_and_a_heavy_trunk_part_where_no_leg_carries_the_trunk() ->
     )
 
 
+@pytest.mark.slow
 def test_a_camera_that_looks_down_is_not_sent_to_a_wall() -> None:
     ahead = FootageCamera.on(ROBOT).claim()
     down = ahead | {"pitch": 1.2}

@@ -46,11 +46,13 @@ def powers(recipe: Recipe, structure: str = "", size: float = 0.0) -> dict[str, 
     }
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("seed", range(8))
 def test_no_noise_repeats(seed: int) -> None:
     assert powers(drawn_recipe(np.random.default_rng(seed)))["noise that repeats"] < SIZE_RMS**2
 
 
+@pytest.mark.sample(5)
 @pytest.mark.parametrize("structure", STRUCTURES)
 @pytest.mark.parametrize("seed", range(3))
 def test_added_noise_explains_no_structure(structure: str, seed: int) -> None:

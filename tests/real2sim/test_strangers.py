@@ -34,6 +34,7 @@ def _plain(value: object) -> object:
     return list(value) if isinstance(value, tuple) else value
 
 
+@pytest.mark.sample(93)
 @pytest.mark.parametrize("stranger", FILES, ids=lambda stranger: stranger.name)
 def test_a_file_is_read_rightly_or_refused_with_its_cure(
     stranger: Stranger, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -156,6 +156,7 @@ def test_only_images_of_a_robot_that_stands_count() -> None:
     assert len(standing_pairs(frames, late)) == FRAMES - 25
 
 
+@pytest.mark.slow
 def test_a_recording_gives_a_camera_that_commands_take(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

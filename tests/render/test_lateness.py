@@ -74,6 +74,7 @@ def moving(
     return frames, states
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("seed", range(8))
 def test_lateness_is_found_wherever_it_lies(seed: int) -> None:
     late_s = float(np.random.default_rng([seed, 1]).uniform(-0.04, 0.15))

@@ -59,8 +59,8 @@ def test_a_batch_equals_single_plants_through_resets() -> None:
     batch.reset(position_x=START, yaw=0.1)
     for plant, x in zip(singles, START, strict=True):
         plant.reset(x, yaw=0.1)
-    for step in range(300):
-        if step == 120:
+    for step in range(160):
+        if step == 60:
             batch.reset(np.array([1, 3]), position_x=0.3)
             singles[1].reset(0.3)
             singles[3].reset(0.3)

@@ -41,13 +41,23 @@ TINY = NetworkEffort(
 )
 
 
-@pytest.fixture(scope="module")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """All networks of a seed, hardly trained, in two rounds."""
-    folder = tmp_path_factory.mktemp("trained")
+@pytest.fixture
+def taught(tmp_path: Path) -> Path:
+    """A folder of trainings that has a policy of one seed, and no data."""
+    return with_policy(tmp_path / "taught")
+
+
+def with_policy(folder: Path) -> Path:
     teacher = folder / FULL / "seed-4"
     teacher.mkdir(parents=True)
     shutil.copyfile(resource("models/policy.onnx"), teacher / "policy.onnx")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All networks of a seed, hardly trained, in two rounds."""
+    folder = with_policy(tmp_path_factory.mktemp("trained"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(training, "ROUNDS", 2)
         patch.setattr(calibration, "WINDOWS", 1)
@@ -139,14 +149,14 @@ def test_data_without_plans_are_not_imitated(trained: Path) -> None:
 
 
 def test_without_a_policy_or_data_it_says_what_makes_them(
-    tmp_path: Path, trained: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, taught: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(training, "PUBLISHED_TRAININGS", trained)  # the published policy drives
+        patch.setattr(training, "PUBLISHED_TRAININGS", taught)  # the published policy drives
         with pytest.raises(SaltusError, match="saltus paper train predictor --seed 0 makes them"):
             train_network("imitation", 0, tmp_path, effort=TINY)
     monkeypatch.setattr(training, "PUBLISHED_TRAININGS", tmp_path)
     with pytest.raises(SaltusError, match="saltus paper train full-system --seed 0 makes one"):
         train_network("predictor", 0, tmp_path, effort=TINY)
     with pytest.raises(SaltusError, match="saltus paper train predictor --seed 5 makes them"):
-        train_network("imitation", 5, trained, effort=TINY)
+        train_network("imitation", 5, taught, effort=TINY)

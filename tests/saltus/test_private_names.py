@@ -30,15 +30,19 @@ OFFERED = {"os._exit", "torch._dynamo", "torch._inductor"}
 """Documented by Python, and by PyTorch for compilers of one's own and for limits of compilation."""
 MAY_BE_USED = {"_replace", "_asdict", "_fields"} | {name.rpartition(".")[2] for name in OFFERED}
 """The first three are offered by named tuples."""
+KINDS = (
+    ast.Import, ast.ImportFrom, ast.Attribute, ast.Constant, ast.Call, ast.Name,
+    ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef,
+)  # fmt: skip
 ATTRIBUTES = {"getattr", "setattr", "hasattr", "delattr"}
 
 
-def private_names(tree: ast.AST, own: set[str]) -> Iterator[tuple[int, str]]:
-    """Lines, and what private name of a library they use;
+def private_names(nodes: list[ast.AST], own: set[str]) -> Iterator[tuple[int, str]]:
+    """Lines of a file, and what private name of a library they use;
     `own` are all names that we give to anything.
     """
     libraries: set[str] = set()
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Import):
             names = [
                 (alias.name, alias.asname or alias.name.partition(".")[0]) for alias in node.names
@@ -54,7 +58,7 @@ def private_names(tree: ast.AST, own: set[str]) -> Iterator[tuple[int, str]]:
                 libraries.add(bound)
                 if not offered(name) and any(PRIVATE.fullmatch(part) for part in name.split(".")):
                     yield node.lineno, name
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Attribute) and PRIVATE.fullmatch(node.attr):
             is_of_library = root(node) in libraries and not offered(ast.unparse(node))
             if is_of_library or not (node.attr in own or node.attr in MAY_BE_USED):
@@ -76,6 +80,11 @@ def private_names(tree: ast.AST, own: set[str]) -> Iterator[tuple[int, str]]:
             )
 
 
+def nodes_of(source: str) -> list[ast.AST]:
+    """The nodes that may use a name, or give one."""
+    return [node for node in ast.walk(ast.parse(source)) if isinstance(node, KINDS)]
+
+
 def offered(name: str) -> bool:
     return any(name == known or name.startswith(f"{known}.") for known in OFFERED)
 
@@ -90,8 +99,8 @@ def root(node: ast.AST) -> str:
     return node.id
 
 
-def given_names(tree: ast.AST) -> Iterator[str]:
-    for node in ast.walk(tree):
+def given_names(nodes: list[ast.AST]) -> Iterator[str]:
+    for node in nodes:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
             yield node.name
         elif isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Store):
@@ -105,12 +114,12 @@ def test_no_private_name_of_a_library_is_used() -> None:
         for path in (ROOT / room).rglob("*.py")
         if not any(map(Path.is_symlink, path.parents))
     ]
-    trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in files}
-    own = {name for tree in trees.values() for name in given_names(tree)}
+    sources = {path: nodes_of(path.read_text(encoding="utf-8")) for path in files}
+    own = {name for nodes in sources.values() for name in given_names(nodes)}
     found = [
         f"{path.relative_to(ROOT)}:{line} {name}"
-        for path, tree in trees.items()
-        for line, name in private_names(tree, own)
+        for path, nodes in sources.items()
+        for line, name in private_names(nodes, own)
     ]
     assert not found
 
@@ -128,11 +137,11 @@ def test_no_private_name_of_a_library_is_used() -> None:
     ],
 )
 def test_reaches_into_a_library_are_seen(source: str) -> None:
-    assert list(private_names(ast.parse(source), {"_own"}))
+    assert list(private_names(nodes_of(source), {"_own"}))
 
 
 @pytest.mark.parametrize(
     "source", ["self._own", "state._replace(x=1)", "import os\nos._exit(1)", "a.__class__"]
 )
 def test_names_that_are_ours_or_offered_may_be_used(source: str) -> None:
-    assert not list(private_names(ast.parse(source), {"_own"}))
+    assert not list(private_names(nodes_of(source), {"_own"}))

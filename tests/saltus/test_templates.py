@@ -59,7 +59,7 @@ def test_messages_are_those_of_the_reference(kind: type[Message], seed: int) -> 
 
 @kinds
 @given(flips=FLIPS)
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_flipped_bytes_have_the_outcome_of_the_reference(
     kind: type[Message], flips: list[tuple[int, int]]
 ) -> None:

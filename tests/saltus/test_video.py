@@ -40,6 +40,7 @@ def pink(pictures: np.ndarray) -> int:
     return int(((red - green > 80) & (blue - green > 40)).sum())
 
 
+@pytest.mark.sample(5)
 @pytest.mark.parametrize("kind", FAMILIES)
 def test_frames_show_robot_ground_and_heightmap(kind: str) -> None:
     pictures = frames(kind)

@@ -101,6 +101,7 @@ def test_a_service_on_cyclone_0_10_is_released_and_survives(tmp_path: Path) -> N
     link.close()
 
 
+@pytest.mark.slow
 def test_a_robot_in_another_process_is_released_and_no_command_comes_before() -> None:
     where = ("--domain", str(own_domain()))
     lockstep = (*where, "--pace", "lockstep")
@@ -118,6 +119,7 @@ def test_a_robot_in_another_process_is_released_and_no_command_comes_before() ->
     assert robot.returncode is not None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["run", "preflight"])
 def test_a_robot_in_another_process_that_is_not_released_is_told_nothing(command: str) -> None:
     where = ("--domain", str(own_domain()), "--speed", "0.5")
