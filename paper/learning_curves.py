@@ -2,6 +2,7 @@
 of what sees by updates.
 """
 
+import lzma
 from pathlib import Path
 
 import numpy as np
@@ -87,8 +88,8 @@ def _errors(trained: Path) -> dict[str, dict[str, dict[str, Floats]]]:
     """
     found: dict[str, dict[str, dict[str, Floats]]] = {part: {} for part in _NETWORKS}
     for part, curves in found.items():
-        for path in sorted((trained / part).glob(f"seed-*/{PROGRESS}"))[:1]:
-            columns = _columns(path)
+        for path in sorted((trained / part).glob(f"seed-*/{PROGRESS}*"))[:1]:
+            columns = _columns(path.with_name(PROGRESS))
             for name in dict.fromkeys(columns["network"]):
                 mine = np.array([each == name for each in columns["network"]])
                 shown = (
@@ -115,9 +116,13 @@ def _progress(path: Path) -> dict[str, Floats]:
 
 
 def _columns(path: Path) -> dict[str, tuple[str, ...]]:
-    """The columns of a training's table; `SaltusError` where there is none."""
+    """The columns of a training's table, as it was written or packed by xz;
+    `SaltusError` where there is none.
+    """
+    packed = path.with_name(f"{path.name}.xz")
     try:
-        names, *rows = (line.split(",") for line in path.read_text(encoding="utf-8").splitlines())
+        text = path.read_bytes() if path.exists() else lzma.decompress(packed.read_bytes())
+        names, *rows = (line.split(",") for line in text.decode().splitlines())
         return dict(zip(names, zip(*rows, strict=True), strict=True))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, lzma.LZMAError) as error:
         raise SaltusError(f"cannot read {path}, the table of a training") from error

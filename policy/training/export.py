@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from saltus.errors import ModelError
 from saltus.grid import HeightGrid, grid_metadata, load_grid
 from saltus.model_file import ModelFile
-from saltus.onnx_export import weights_of, write_onnx
+from saltus.onnx_export import round_to_half, weights_of, write_onnx
 from saltus.policy.actor import FORMAT, PolicyActor
 from saltus.policy.bounds import ACTIONS, ActionBounds
 from saltus.policy.env.settings import TrainConfig
@@ -55,6 +55,9 @@ class DeployedPolicy(nn.Module):
 def export(checkpoint: Path, path: Path) -> float:
     """Writes the policy of a checkpoint as ONNX, whole or not at all.
 
+    Weights of its layers are kept in half precision and computed with in single, those that
+    normalise observations stay in single.
+
     Returns:
         Greatest difference between torch and the file over random observations, as a share of each
         action's range.
@@ -64,6 +67,7 @@ def export(checkpoint: Path, path: Path) -> float:
     """
     state = read_checkpoint(checkpoint)
     policy = DeployedPolicy(state)
+    round_to_half(policy.network.mlp)
     write_onnx(
         policy,
         (torch.zeros(2, policy.size),),
@@ -71,6 +75,7 @@ def export(checkpoint: Path, path: Path) -> float:
         inputs=("features",),
         outputs=("plan",),
         metadata=metadata(policy, state),
+        half_prefixes=(f"{_NETWORK}mlp.",),
     )
     return parity(policy, path)
 
