@@ -24,11 +24,14 @@ def main(names: list[str]) -> None:
     )
     for name in names or list(EXPERIMENTS):
         measured[name] = measure(EXPERIMENTS[name], robot)
-        table = {
-            "source": "python tools/separations.py",
-            "experiments": {known: measured[known] for known in EXPERIMENTS if known in measured},
-        }
-        SEPARATIONS.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
+        kept = {known: measured[known] for known in EXPERIMENTS if known in measured}
+        SEPARATIONS.write_text(table(kept), encoding="utf-8")
+
+
+def table(experiments: dict[str, object]) -> str:
+    """JSON with a line for each experiment."""
+    lines = ",\n".join(f"  {json.dumps(name)}: {json.dumps(e)}" for name, e in experiments.items())
+    return f'{{"source": "python tools/separations.py", "experiments": {{\n{lines}\n}}}}\n'
 
 
 if __name__ == "__main__":
