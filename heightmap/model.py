@@ -145,7 +145,7 @@ class HeightmapModel(nn.Module):
     ) -> Tick:
         """One tick as a file's network answers it, see `saltus.heightmap.service.sight.Network`."""
         estimate, hidden = self.step(image, age.float(), new.float(), proprioception, hidden)
-        return Tick(estimate.height, INTERVAL90 * estimate.log_std.exp(), hidden)
+        return Tick.of(estimate.height, INTERVAL90 * estimate.log_std.exp(), hidden)
 
     def _inputs(self, encoded: Tensor, age: Tensor, new: Tensor, proprioception: Tensor) -> Tensor:
         normal = (proprioception - self.proprioception_mean) / self.proprioception_std

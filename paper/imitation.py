@@ -73,7 +73,7 @@ class ImitationNetwork:
         plan, hidden_out = self._session.run(list(IMITATOR_OUTPUTS), given)
         rows = np.zeros((len(plan), len(HEIGHTMAP_X)), np.float32)
         rows[:, : len(ACTIONS)] = plan
-        return Tick(rows, np.ones_like(rows), hidden_out)
+        return Tick.of(rows, np.ones_like(rows), hidden_out)
 
 
 class ImitatedPlans(PredictedHeights):

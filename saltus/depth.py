@@ -65,7 +65,7 @@ def supersampled_model_camera(samples_down: int, samples_across: int) -> Intrins
 
 
 def model_image(
-    depth: Array, camera: Intrinsics = MODEL_CAMERA, unit_m: float = MILLIMETRE
+    depth: Array, camera: Intrinsics | DepthFrame = MODEL_CAMERA, unit_m: float = MILLIMETRE
 ) -> Array:
     """Makes what a network sees of depth images: cropped and pooled to its camera, and normalised.
 
@@ -74,7 +74,7 @@ def model_image(
     Args:
         depth: Whole steps of `unit_m`, 0 where invalid, `NOTHING` where nothing is within range.
             Numpy or torch, shape (..., height, width).
-        camera: Through which they were taken.
+        camera: Intrinsics of the camera that took them, or a frame of it.
         unit_m: One step [m].
 
     Returns:
@@ -89,11 +89,12 @@ def model_image(
     raw = depth[..., rows.needed, columns.needed]
     image = xp.empty((*batch, 2, model.height, model.width), dtype=xp.float32, device=depth.device)
     if rows.place is None and columns.place is None:  # the model's own pixels: each is whole
-        total, seen = _layers(raw, unit_m)
-        image[..., 0, :, :], image[..., 1, :, :] = xp.where(seen > 0.0, total, 1.0), seen
+        _fill(image[..., 0, :, :], image[..., 1, :, :], raw, unit_m)
+        image[..., 0, :, :][raw == 0] = 1.0
         return image
-    raw = raw.reshape((math.prod(batch), *raw.shape[-2:]))
-    layers = _layers(rows.covering(raw, axis=1), unit_m)  # (2, n, some, 48, width)
+    raw = rows.covering(raw.reshape((math.prod(batch), *raw.shape[-2:])), axis=1)
+    layers = xp.empty((2, *raw.shape), dtype=xp.float32, device=raw.device)
+    _fill(layers[0], layers[1], raw, unit_m)  # (2, n, some, 48, width)
     tall = rows.total(layers, axis=2)  # (2, n, 48, width)
     flat = tall.reshape((math.prod(tall.shape[:-1]), tall.shape[-1]))
     across = columns.covering(flat.T, axis=0)  # (some, 16, 2 * n * 48)
@@ -193,18 +194,15 @@ class _Pooling:
         return whole
 
 
-def _layers(raw: Array, unit_m: float) -> Array:
-    """Depth over 3 m in [0, 1], and 1 where there is one and 0 where not; shape (2, ...)."""
-    xp, scale = namespace(raw), float(np.float32(unit_m / RANGE_M))
-    layers = xp.empty((2, *raw.shape), dtype=xp.float32, device=raw.device)
-    layers[0] = raw
-    near = layers[0]
+def _fill(near: Array, seen: Array, raw: Array, unit_m: float) -> None:
+    """Writes depth over 3 m in [0, 1], and 1 where there is one and 0 where not."""
+    scale = float(np.float32(unit_m / RANGE_M))
+    near[...] = raw
     near *= scale
-    layers[0] = near.clip(max=1.0)
+    near[...] = namespace(near).minimum(near, 1.0)
     if scale * NOTHING < 1.0:
         near[raw == NOTHING] = 1.0
-    layers[1] = raw > 0
-    return layers
+    seen[...] = raw > 0
 
 
 @lru_cache(maxsize=64)

@@ -157,5 +157,7 @@ class FleetService:
 
 def _run(network: HeightmapNetwork, asked: list[TickInputs]) -> list[Tick]:
     """One call of the network for all, each of whom is one robot."""
+    if len(asked) == 1:
+        return [network.tick(*asked[0])]
     together = network.tick(*map(np.concatenate, zip(*asked, strict=True)))
-    return [Tick(*(rows[i : i + 1] for rows in together)) for i in range(len(asked))]
+    return [together._replace(values=row[None]) for row in together.values]

@@ -14,22 +14,18 @@ class FrozenOutput:
 
     def __init__(self) -> None:
         self._since_ns = 0
-        self._tick: Tick | None = None
+        self._told = b""
         self._inputs: TickInputs | None = None
 
     def step(self, inputs: TickInputs, tick: Tick, time_ns: int) -> bool:
         """True where the output has been the same for more than a second,
         at the time of a robot state.
         """
-        first, asked = self._tick, self._inputs
-        if first is None or asked is None or not _same_output(first, tick):
-            self._since_ns, self._tick, self._inputs = time_ns, tick, inputs
+        told, asked = tick.values[:, : 2 * tick.points].tobytes(), self._inputs
+        if asked is None or told != self._told:
+            self._since_ns, self._told, self._inputs = time_ns, told, inputs
             return False
         return time_ns - self._since_ns > FROZEN_NS and not _same_input(asked, inputs)
-
-
-def _same_output(left: Tick, right: Tick) -> bool:
-    return all(a.tobytes() == b.tobytes() for a, b in zip(left[:2], right[:2], strict=True))
 
 
 def _same_input(left: TickInputs, right: TickInputs) -> bool:

@@ -5,7 +5,7 @@ one heightmap with a status for every state out.
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.depth import MODEL_CAMERA, intrinsics_of, model_image
+from saltus.depth import MODEL_CAMERA, model_image
 from saltus.heightmap.service.features import proprioception_of
 from saltus.heightmap.service.frozen_output import FrozenOutput
 from saltus.heightmap.service.image_watch import DEPTH, NO_FRAME, ImageWatch, worse
@@ -133,7 +133,7 @@ class HeightmapService:
         """Takes a frame in if it is news; whether it is in use now, shape (1,)."""
         if not self._images.is_news(frame, now_ns):
             return ~_ONE
-        image = model_image(frame.depth, intrinsics_of(frame), frame.depth_unit_m)
+        image = model_image(frame.depth, frame, frame.depth_unit_m)
         invalid_fraction = 1.0 - np.count_nonzero(image[1]) / image[1].size
         new, forgets = self._sight.show(_ONE, image[None], np.array([self._time_s(frame.time_ns)]))
         if forgets[0]:

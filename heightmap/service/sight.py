@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from saltus.arrays import Array, namespace
-from saltus.depth import model_image
+from saltus.depth import MODEL_CAMERA, model_image
 from saltus.effects.signals import DepthImage
 from saltus.heightmap.service.quantiles import INTERVAL90, UNKNOWN_HALF_WIDTH_M
 from saltus.wire.topics import TOPICS
@@ -27,6 +27,7 @@ MAX_MISSED_FRAMES = 5
 """After a longer gap the hidden state no longer fits where the robot is."""
 LONGEST_GAP_S = (MAX_MISSED_FRAMES + 1.5) / TOPICS["camera/depth"].rate_hz
 """Between two images that are used: after a longer one the hidden state is emptied."""
+_FEWEST_PIXELS = (1.0 - BLIND_INVALID_PIXELS) * MODEL_CAMERA.height * MODEL_CAMERA.width
 _ROUNDING_S = 1e-6  # times that are meant to be equal may differ by rounding
 
 
@@ -46,15 +47,34 @@ class TickInputs(NamedTuple):
 
 
 class Tick(NamedTuple):
-    """Outputs of a network; not checked."""
+    """Outputs of a network, in one array; not checked."""
 
-    height: Array
-    """[m], shape (n, points)."""
-    half_width_90: Array
-    """Half width 90 of each height, half of the interval that holds 90 % of the errors [m], shape
-    (n, points)."""
-    hidden: Array
-    """Shape (n, hidden size)."""
+    values: Array
+    """Heights, half widths and hidden state of each robot, shape (n, 2 points + hidden size)."""
+    points: int
+
+    @classmethod
+    def of(cls, height: Array, half_width_90: Array, hidden: Array) -> "Tick":
+        """Joins outputs that are arrays of their own."""
+        values = namespace(height).concat((height, half_width_90, hidden), axis=-1)
+        return cls(values, height.shape[-1])
+
+    @property
+    def height(self) -> Array:
+        """[m], shape (n, points)."""
+        return self.values[:, : self.points]
+
+    @property
+    def half_width_90(self) -> Array:
+        """Half width 90 of each height, half of the interval that holds 90 % of the errors [m],
+        shape (n, points).
+        """
+        return self.values[:, self.points : 2 * self.points]
+
+    @property
+    def hidden(self) -> Array:
+        """Shape (n, hidden size)."""
+        return self.values[:, 2 * self.points :]
 
 
 class Network(Protocol):
@@ -94,7 +114,8 @@ class Sight:
         """When these were taken [s], shape (n,); minus infinity before the first."""
         self.images_seen = xp.zeros(count, dtype=xp.int64, device=device)
         """Images used since a state was last emptied, shape (n,)."""
-        self.bad_outputs = xp.zeros(count, dtype=xp.int64, device=device)
+        self._none = xp.zeros(count, dtype=xp.int64, device=device)
+        self.bad_outputs = self._none
         """Outputs in a row that were not plausible, up to `BAD_OUTPUTS_TO_FORGET`, shape (n,)."""
         self.hidden = xp.zeros(size, dtype=xp.float32, device=device)
         self.height = xp.zeros(points, dtype=xp.float32, device=device)
@@ -150,7 +171,7 @@ class Sight:
             too long; bool, shape (n,).
         """
         xp = namespace(image)
-        new = arrived & (xp.mean(image[:, 1], axis=(-2, -1)) >= 1.0 - BLIND_INVALID_PIXELS)
+        new = arrived & (image[:, 1].sum((-2, -1)) >= _FEWEST_PIXELS)
         too_late = captured_s > self.captured_s + (LONGEST_GAP_S + _ROUNDING_S)
         forgets = new & too_late & (self.captured_s > -math.inf)
         self._empty(forgets)
@@ -164,7 +185,7 @@ class Sight:
 
     def inputs(self, time_s: float, new: Array, features: Array) -> TickInputs:
         """Returns what the network is to be given at a time; `new` is what `show` returned."""
-        age_s = (time_s - self.captured_s).clip(min=0.0)
+        age_s = namespace(new).maximum(time_s - self.captured_s, 0.0)
         return TickInputs(self.image, age_s, new, features, self.hidden)
 
     def judge(self, tick: Tick) -> Array:
@@ -176,13 +197,13 @@ class Sight:
         Returns:
             Whose output was plausible, bool, shape (n,).
         """
-        xp = namespace(tick.height)
-        values = xp.concat(tick, axis=-1)
+        values = tick.values
+        xp = namespace(values)
         # no comparison with NaN is true, so that this also asks for finite numbers
         plausible = (values >= self._low) & (values <= self._high)
         if xp is np and plausible.all():  # nearly always; of a GPU this is not asked, as that waits
-            self.height, self.half_width_90, self.hidden = tick
-            self.bad_outputs = np.zeros_like(self.bad_outputs)
+            self.height, self.half_width_90 = tick.height, tick.half_width_90
+            self.hidden, self.bad_outputs = tick.hidden, self._none
             return plausible[:, 0]  # as good as any column
         good = xp.all(plausible, axis=-1)
         self.height = xp.where(good[:, None], tick.height, self.height)

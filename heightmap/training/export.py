@@ -124,7 +124,11 @@ def parity(
             height, std, state = (output.numpy() for output in exact(*tensors))
         differences = [
             np.abs(a - b).max()
-            for a, b in zip(found, (height, INTERVAL90 * std, state), strict=True)
+            for a, b in (
+                (found.height, height),
+                (found.half_width_90, INTERVAL90 * std),
+                (found.hidden, state),
+            )
         ]
         worst = float(np.max([worst, *differences]))  # which a number that is none comes through
         hidden = found.hidden

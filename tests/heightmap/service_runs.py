@@ -46,7 +46,7 @@ def bad_tick(where: str, value: float) -> Tick:
         "hidden": np.zeros((1, 256)),
     }
     arrays[where][0, 3] = value
-    return Tick(**arrays)
+    return Tick.of(**arrays)
 
 
 def without(lost: Callable[[int], bool], steps: int) -> dict[int, DepthFrame | None]:

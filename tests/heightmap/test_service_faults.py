@@ -47,7 +47,7 @@ def test_an_output_that_never_changes_is_told_after_a_second_if_the_input_change
     model_path: Path, moves: bool
 ) -> None:
     service = service_of(model_path)
-    frozen = Tick(np.full((1, 30), -0.27), np.full((1, 30), 0.02), np.zeros((1, 256)))
+    frozen = Tick.of(np.full((1, 30), -0.27), np.full((1, 30), 0.02), np.zeros((1, 256)))
     service._network = Faulty(service, dict.fromkeys(range(50, 200), frozen))  # type: ignore[assignment]
     still = on_time(49)
     assert still is not None
@@ -64,7 +64,7 @@ def test_an_output_that_never_changes_is_told_after_a_second_if_the_input_change
 
 def test_the_same_output_in_fewer_ticks_than_a_second_is_no_fault(model_path: Path) -> None:
     service = service_of(model_path)
-    frozen = Tick(np.full((1, 30), -0.27), np.full((1, 30), 0.02), np.zeros((1, 256)))
+    frozen = Tick.of(np.full((1, 30), -0.27), np.full((1, 30), 0.02), np.zeros((1, 256)))
     service._network = Faulty(service, dict.fromkeys(range(50, 151), frozen))  # type: ignore[assignment]
     assert {answer.status for answer in run(service, clean(200), 200)[20:]} == {OK}
 
