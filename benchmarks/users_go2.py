@@ -133,9 +133,9 @@ def passive(
 def _supplement(mjcf: Path) -> str:
     """Our robot.toml with another model and the trunk's box as we have it, without its head."""
     ours = load_robot(ROBOT)
+    box = {"trunk_size": ours.trunk_size, "trunk_center": ours.trunk_center}
+    own = [f"{name} = {value.tolist()}" for name, value in box.items()]
     lines = (shipped_folder(ROBOT) / SUPPLEMENT_FILE).read_text(encoding="utf-8").splitlines()
     kept = [line for line in lines if not line.startswith("mjcf")]
-    box = {"trunk_size": ours.trunk_size, "trunk_center": ours.trunk_center}
-    kept += [f"{name} = {value.tolist()}" for name, value in box.items()]
     # a TOML string is a JSON string; keys come before the first table
-    return "\n".join([f"mjcf = {json.dumps(str(mjcf.resolve()))}", *kept, ""])
+    return "\n".join([f"mjcf = {json.dumps(str(mjcf.resolve()))}", *own, *kept, ""])
