@@ -209,16 +209,25 @@ class Drives:
 
     def _saturated(self, magnitude: Floats) -> Floats:
         """Torque [Nm] that saturation takes from a commanded one >= 0; a law and pieces add up."""
-        missing = (
-            np.zeros(())
-            if self.torque_saturation is None
-            else lost(magnitude, *self.torque_saturation)
-        )
+        missing = np.zeros(magnitude.shape)
+        if self.torque_saturation is not None:
+            joints, sets, parts = self._saturating
+            missing[..., joints, sets] = lost(magnitude[..., joints, sets], *parts)
         for slope, corner in self.kinks:
             missing = missing + slope * np.maximum(magnitude - corner, 0.0)
         return missing
 
     # What stays the same over a replay, of which each step takes its turn
+
+    @cached_property
+    def _saturating(self) -> tuple[Indices, Indices, list[Floats]]:
+        """Joints and sets that lose any torque, and the law's numbers there.
+
+        Of the sets of a search few saturate.
+        """
+        assert self.torque_saturation is not None  # noqa: S101 - who has none does not ask
+        joints, sets = np.nonzero(self.torque_saturation[0].any(axis=0))
+        return joints, sets, [part[:, joints, sets] for part in self.torque_saturation]
 
     @cached_property
     def _filter_weights(self) -> tuple[Floats, Floats, Floats]:

@@ -18,7 +18,9 @@ def joint_by_joint(values: Floats, axis: int = -2) -> Floats:
     """The joints' axis first, in one piece of memory,
     so that an operation on one joint is one long loop, not a short one for each window and branch.
     """
-    return np.ascontiguousarray(np.moveaxis(values, axis, 0))
+    axis %= values.ndim
+    others = (*range(axis), *range(axis + 1, values.ndim))
+    return np.ascontiguousarray(values.transpose(axis, *others))
 
 
 def inverses_of(inverse: Floats, sets: int) -> Floats:
@@ -52,7 +54,7 @@ def accelerated(inverse: Floats, torque: Floats) -> Floats:
     total = inverse[:, 0] * first
     for joint, other in enumerate(others, 1):
         total += inverse[:, joint] * other
-    return np.ascontiguousarray(np.moveaxis(total, 0, 2))
+    return np.ascontiguousarray(total.transpose(1, 2, 0, 3))
 
 
 def rubbed(
@@ -97,8 +99,8 @@ def rubbed(
             new = np.minimum(np.maximum(stopping, low[joint]), high[joint])
             fast += inverse[:, joint] * (new - own)
             own[...] = new
-    impulse[...] = np.moveaxis(pushes, 0, 2)
-    return np.ascontiguousarray(np.moveaxis(fast, 0, 2))
+    impulse[...] = pushes.transpose(1, 2, 0, 3)
+    return np.ascontiguousarray(fast.transpose(1, 2, 0, 3))
 
 
 class Play:
@@ -192,7 +194,7 @@ class Play:
         for joint in range(velocity.shape[2]):
             own, rotor = inverse[joint, joint], self._rotor[..., joint, :]
             gained = approach[:, :, joint] * rotor / (rotor + 1.0 / own)
-            velocity += np.moveaxis(inverse[:, joint] * (gained / own), 0, 2)
+            velocity += (inverse[:, joint] * (gained / own)).transpose(1, 2, 0, 3)
         return velocity
 
 
