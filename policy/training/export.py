@@ -67,7 +67,7 @@ def export(checkpoint: Path, path: Path) -> float:
     """
     state = read_checkpoint(checkpoint)
     policy = DeployedPolicy(state)
-    round_to_half(policy.network.mlp)
+    round_to_half(policy.network.get_submodule("mlp"))
     write_onnx(
         policy,
         (torch.zeros(2, policy.size),),

@@ -65,7 +65,7 @@ def test_a_policys_file_drives_on_a_device_as_its_checkpoint_does(
     one, other = (
         DeployedPolicy(read_policy(path)) for path in (policy, policy.with_name("checkpoint.pt"))
     )
-    round_to_half(other.network.mlp)  # as the file's weights are
+    round_to_half(other.network.get_submodule("mlp"))  # as the file's weights are
     given = torch.randn(100, one.size)
     with torch.no_grad():
         torch.testing.assert_close(one(given), other(given))
