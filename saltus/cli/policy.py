@@ -4,7 +4,7 @@ import sys
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -112,7 +112,7 @@ class Eval(ModelOptions, HardwareOptions, RobotOption, JsonOption):
         with tqdm(total=self.trials, desc="eval", bar_format=BAR, file=sys.stderr) as bar:
             result = merged(evaluate(evaluation, heights, planner, self.processes, bar.update))
         table = _as_table(self, result)
-        _print_table(result, table["timed"])
+        _print_table(result, str(table["timed"]))
         if directory is not None:
             from saltus.policy.evaluation.report import write_evaluation_report
 
@@ -239,7 +239,7 @@ def _models(command: Eval) -> dict[str, str]:
     return {kind: model_id(path.read_bytes()) for kind, path in paths.items()}
 
 
-def _as_table(command: Eval, result: "EvaluationResult") -> dict[str, Any]:
+def _as_table(command: Eval, result: "EvaluationResult") -> dict[str, object]:
     from saltus.terrain.curriculum import make_terrain
 
     terrain = make_terrain(command.course)

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 
@@ -20,9 +19,9 @@ class Difference:
     time_ns: int
     field: str
     """With the place in an array, e.g. "height[3]"; empty for a whole message."""
-    recorded: Any
+    recorded: object
     """None where the recording has no such message."""
-    replayed: Any
+    replayed: object
     """None where it was not said again."""
 
     def __str__(self) -> str:
@@ -127,7 +126,9 @@ class Comparison:
             self.topics[topic].missing += 1
             self._note(topic, time_ns, "", recorded.take(), None)
 
-    def _note(self, topic: str, time_ns: int, place: str, recorded: Any, replayed: Any) -> None:
+    def _note(
+        self, topic: str, time_ns: int, place: str, recorded: object, replayed: object
+    ) -> None:
         self.first = self.first or Difference(
             topic=topic, time_ns=time_ns, field=place, recorded=recorded, replayed=replayed
         )
@@ -152,7 +153,7 @@ class _Recorded:
         return payload
 
 
-def _changed(name: str, was: Any, now: Any) -> tuple[str, Any, Any, float]:
+def _changed(name: str, was: object, now: object) -> tuple[str, object, object, float]:
     """Place of the first entry that is not as it was, both values there,
     and by how much any entry differs at most.
 

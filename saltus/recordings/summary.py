@@ -3,7 +3,6 @@
 import json
 from collections import Counter
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -183,11 +182,11 @@ def _troubles(recording: Recording) -> list[str]:
     return [f"{kind}: {detail}" if kind else detail for kind, detail in first.items()]
 
 
-def _outcome(recording: Recording) -> dict[str, Any]:
+def _outcome(recording: Recording) -> dict[str, str | float]:
     """The trial's outcome as the controller announced it."""
     for event in recording.of(Event):
         if event.code in OUTCOME_CODES:
-            outcome: dict[str, Any] = json.loads(event.detail)
+            outcome: dict[str, str | float] = json.loads(event.detail)
             return outcome
     return {}
 

@@ -1,8 +1,7 @@
 """Draws the scenes of one run: robot, terrain, heights, planned feet and forces."""
 
-from typing import Any
-
 import numpy as np
+import viser
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
@@ -71,7 +70,7 @@ class Drawing:
         self._trunk.visible = False
         nothing = np.zeros((1, 2, 3))
 
-        def line(part: str, colour: Rgb, pixels: float) -> Any:
+        def line(part: str, colour: Rgb, pixels: float) -> viser.LineSegmentsHandle:
             where = f"{name}/{part}"
             return scene.add_line_segments(
                 where, nothing, colour, thickness=pixels, thickness_units="screen", visible=False
@@ -153,7 +152,7 @@ class Drawing:
             self._true.points = _net(heights.true + LIFT, heights.shape)
 
 
-def _draw(lines: Any, heights: HeightsInWorld) -> None:
+def _draw(lines: viser.LineSegmentsHandle, heights: HeightsInWorld) -> None:
     """Heights as lines of viser: a curve of one colour,
     or a net whose colours say how sure each point is.
     """

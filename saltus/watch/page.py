@@ -7,9 +7,9 @@ import queue
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
+import viser
 
 from saltus.arrays import Floats
 from saltus.config import TerrainConfig
@@ -72,7 +72,7 @@ class Page:
         self.time_s = 0.0
         """Time in recordings, since their beginning."""
         self._drawings: list[Drawing] = []
-        self._panels: list[Any] = []
+        self._panels: list[viser.PanelHandle] = []
         self._shown: list[Panel] = []
         self._duration_s = 0.0
         self._looked_at = np.zeros(3)
@@ -95,8 +95,9 @@ class Page:
         the time line of recordings, fitting buttons.
         """
         with self.server.atomic():
-            for old in (*self._drawings, *self._panels):
-                old.remove()
+            old: list[Drawing | viser.PanelHandle] = [*self._drawings, *self._panels]
+            for drawn in old:
+                drawn.remove()
             places = aside(worlds)
             parts = enumerate(zip(worlds, places, strict=True))
             self._drawings = [
@@ -219,12 +220,12 @@ class Page:
             self._set_playing(not self.playing)
 
         @self._slider.on_update
-        def _(event: Any) -> None:
+        def _(event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
             if event.client is not None:  # somebody has dragged it
                 self._set_playing(False)
                 self.time_s = float(self._slider.value)
 
-    def _on_click(self, button: Any, make: Callable[[], Start | Ask]) -> None:
+    def _on_click(self, button: viser.GuiButtonHandle, make: Callable[[], Start | Ask]) -> None:
         button.on_click(lambda _: self.pressed.put(make()))
 
     def _set_playing(self, playing: bool) -> None:

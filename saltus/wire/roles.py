@@ -1,7 +1,7 @@
 """Rights on a run's bus: a router's access list, from the publishers and readers in `topics`."""
 
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Literal
 
 from saltus.wire.topics import SHARED, TOPICS
 
@@ -35,7 +35,7 @@ def keys(role: str, verb: Literal["put", "subscribe"], prefix: str) -> list[str]
     return found
 
 
-def access_control(names: Mapping[str, str], prefix: str) -> dict[str, Any]:
+def access_control(names: Mapping[str, str], prefix: str) -> dict[str, object]:
     """Zenoh's `access_control`: what is not allowed here is denied.
 
     The owner of the router may do everything.
@@ -44,7 +44,7 @@ def access_control(names: Mapping[str, str], prefix: str) -> dict[str, Any]:
         names: Role of each certificate, by the common name in it.
         prefix: Of the robot's keys.
     """
-    rules: list[dict[str, Any]] = [
+    rules: list[dict[str, object]] = [
         _rule("everything", _EVERYTHING, ["ingress", "egress"], ["**", f"**/{SHARED}"])
     ]
     subjects: list[dict[str, object]] = [{"id": "owner", "link_protocols": ["unixsock-stream"]}]
@@ -68,7 +68,7 @@ def access_control(names: Mapping[str, str], prefix: str) -> dict[str, Any]:
             ]
         rules += own
         subjects.append({"id": role, "cert_common_names": members, "link_protocols": ["tls"]})
-        policies.append({"rules": [rule["id"] for rule in own], "subjects": [role]})
+        policies.append({"rules": [str(rule["id"]) for rule in own], "subjects": [role]})
     return {
         "enabled": True, "default_permission": "deny", "rules": rules, "subjects": subjects,
         "policies": policies,
@@ -77,7 +77,7 @@ def access_control(names: Mapping[str, str], prefix: str) -> dict[str, Any]:
 
 def _rule(
     name: str, messages: list[str], flows: list[str], expressions: list[str]
-) -> dict[str, Any]:
+) -> dict[str, object]:
     return {
         "id": name,
         "messages": messages,
