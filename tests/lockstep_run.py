@@ -11,12 +11,13 @@ from samples import put_run
 
 from saltus.config import RunConfig
 from saltus.named_setup import named_setup
+from saltus.recordings.answers import Comparison
 from saltus.recordings.recorder import RECORDING_FILE, Recorder
 from saltus.recordings.recording import Recording, read_recording
 from saltus.runtime.process import ProcessContext
 from saltus.runtime.programs import OPERATOR as OPERATED
 from saltus.runtime.programs import PROGRAMS
-from saltus.runtime.replay import body_of
+from saltus.runtime.replay import body_of, replay
 from saltus.wire import codec
 from saltus.wire.bus import Publisher
 from saltus.wire.messages import OPERATOR, DriveCommand, Event, RobotState
@@ -81,3 +82,19 @@ def recorded_run(
     with Recorder(folder / RECORDING_FILE, config, named_setup(config)) as recorder:
         recorder.write_all(stream)
     return read_recording(folder / RECORDING_FILE)
+
+
+def compared(recording: Recording, name: str, config: RunConfig | None = None) -> Comparison:
+    """What a process says when it is fed a recording again, beside what it said."""
+    comparison = Comparison(recording, name)
+    replay(name, recording, lambda answer: comparison.take(*answer), config=config)
+    comparison.finish()
+    return comparison
+
+
+def check_repeats(recording: Recording, name: str, least: int) -> None:
+    """Asserts that a process says again what it said, to the bit, in more than `least` messages."""
+    comparison = compared(recording, name)
+    assert comparison.first is None, str(comparison.first)
+    assert all(counts.equal for counts in comparison.topics.values())
+    assert comparison.compared > least

@@ -1,13 +1,11 @@
 """A run whose commands are a script: jumps obey it, and each process repeats to the bit."""
 
 import pytest
-from lockstep_run import recorded_run
+from lockstep_run import check_repeats, recorded_run
 
 from saltus.config import RunConfig, TerrainConfig
-from saltus.recordings.answers import Comparison
 from saltus.recordings.recording import Recording
 from saltus.runtime.programs import OPERATOR, PROGRAMS
-from saltus.runtime.replay import replay
 from saltus.wire.messages import ControllerMode, DriveCommand, RobotState
 
 SCRIPT = """time_s,mode
@@ -54,8 +52,4 @@ def test_there_is_one_command_for_each_state(recording: Recording) -> None:
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("name", [program.name for program in (OPERATOR, *PROGRAMS)])
 def test_every_process_repeats_to_the_bit(recording: Recording, name: str) -> None:
-    comparison = Comparison(recording, name)
-    replay(name, recording, lambda answer: comparison.take(*answer))
-    comparison.finish()
-    assert comparison.first is None, str(comparison.first)
-    assert comparison.compared > 150
+    check_repeats(recording, name, 150)

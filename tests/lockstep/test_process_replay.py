@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lockstep_run import recorded_run
+from lockstep_run import check_repeats, compared, recorded_run
 from samples import EVERYTHING
 
 from saltus.cli.main import main
@@ -21,7 +21,7 @@ from saltus.recordings.answers import Comparison
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import Recording, read_recording
 from saltus.runtime.programs import PROGRAMS
-from saltus.runtime.replay import Answer, replay
+from saltus.runtime.replay import Answer
 from saltus.states import RobotStates
 from saltus.wire import codec
 from saltus.wire.bus import RawSample, sender_of
@@ -31,13 +31,6 @@ NAMES = [program.name for program in PROGRAMS]
 STEPS = 150
 COURSES = ("flat", "stairs", "gap", "stepping_stones")
 ASKED = (None, ("push", "8"), None, ("blind", "0.2"))
-
-
-def compared(recording: Recording, name: str, config: RunConfig | None = None) -> Comparison:
-    comparison = Comparison(recording, name)
-    replay(name, recording, lambda answer: comparison.take(*answer), config=config)
-    comparison.finish()
-    return comparison
 
 
 def run(folder: Path, number: int) -> Recording:
@@ -66,10 +59,7 @@ def run(folder: Path, number: int) -> Recording:
 def test_every_process_repeats_to_the_bit(number: int, tmp_path: Path) -> None:
     recording = run(tmp_path, number)
     for name in NAMES:
-        comparison = compared(recording, name)
-        assert comparison.first is None, str(comparison.first)
-        assert all(counts.equal for counts in comparison.topics.values())
-        assert comparison.compared > STEPS
+        check_repeats(recording, name, STEPS)
 
 
 @pytest.fixture(scope="module")
