@@ -27,12 +27,12 @@ from saltus.constants import PHYSICS_DT
 from saltus.controller.compensation import Compensation
 from saltus.controller.feedback import FeedbackConfig, SpeedBrake, VelocityFeedback
 from saltus.controller.gait import Gait, GaitConfig, GaitSignal, GaitState
-from saltus.controller.resting_poses import RestingPoses
 from saltus.controller.signals import Reference, YawFrameBody, observe
 from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceSolver
 from saltus.controller.swing import SwingConfig, SwingLegs
 from saltus.joint_command import JointCommand
 from saltus.robots.legs import LegKinematics
+from saltus.robots.resting_poses import RestingPoses
 from saltus.robots.robot import Robot
 from saltus.states import Proprioception
 from saltus.wire.messages import ControllerMode
@@ -61,8 +61,6 @@ class LegControllerConfig:
     oscillating."""
     stand_blend_s: float = 1.0
     """Time from the present pose to the standing pose; the original takes 1.5 s from the floor."""
-    steepest_stand: float = 0.8
-    """Slope that a robot stands on: stairs of 0.20 m."""
     landing_frequency_hz: float = 2.0
     """Slowest stepping while landing: a flight phase is over within 0.3 s."""
     settled_speed_mps: float = 0.3
@@ -122,7 +120,7 @@ class LegController:
     ) -> None:
         self.config = config or LegControllerConfig()
         self._robot, self._gains, self._legs = robot, robot.gains, LegKinematics(robot)
-        self._poses = RestingPoses(robot, self.config.steepest_stand)
+        self._poses = RestingPoses(robot)
         self._gait = Gait(self.config.gait)
         self._swing = SwingLegs(robot, self.config.swing)
         self._stance = StanceLegs(robot, self.config.stance)
@@ -213,9 +211,18 @@ class LegController:
             landed=state.landed | (state.mode in _STANDING),
             mode=mode,
             blend_from=sensed.joint_position,
-            rest=self._poses.of(mode, body) if mode in _STANDING else state.rest,
+            rest=self._rest(state, mode, body),
             mode_time_s=0.0,
         )
+
+    def _rest(self, state: LawState, mode: ControllerMode, body: YawFrameBody) -> Joints:
+        """The pose of the new mode; a robot that walked leaves its feet where it has put them."""
+        if mode not in _STANDING:
+            return state.rest
+        if (state.mode, mode) == (ControllerMode.WALK, ControllerMode.STAND):
+            return self._poses.over_feet(body.foot_yaw)
+        lies = mode == ControllerMode.LIE
+        return (self._poses.lying if lies else self._poses.standing)(body.foot_yaw)
 
     def _run(
         self, reference: Reference, sensed: Proprioception, body: YawFrameBody, state: LawState

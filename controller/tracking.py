@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from saltus.arrays import Array, Constant, Joints, LegFlags, namespace
+from saltus.arrays import Joints, LegFlags
 from saltus.constants import GRAVITY
 from saltus.controller.compensation import Compensation
 from saltus.joint_command import JointCommand
@@ -25,7 +25,6 @@ class Tracking:
     def __init__(self, robot: Robot, compensation: Compensation | None = None) -> None:
         self._legs, self._compensation = LegKinematics(robot), compensation
         self._least_force = LEAST_SHARE * robot.mass * GRAVITY
-        self._nearly_straight = Constant(1e-6 * np.eye(3))
 
     def command(self, plan: JointPlan) -> JointCommand:
         """Command that holds a plan's targets."""
@@ -44,10 +43,6 @@ class Tracking:
             measured: Attitude and joints now.
             torque: As the drives believe it [Nm], shape (..., 12).
         """
-        xp = namespace(measured.joint_position)
-        _, jacobian = self._legs.position_and_jacobian(measured.joint_position)
         upright = rotation_matrix(measured.quaternion_base_in_world)[..., 2, :]
-        legs = torque.reshape((*torque.shape[:-1], 4, 3, 1))
-        regular = jacobian.mT + self._nearly_straight.like(torque)
-        force: Array = -xp.linalg.solve(regular, legs)[..., 0]
-        return (force @ upright[..., None])[..., 0] > self._least_force
+        load = self._legs.load(measured.joint_position, torque, upright)
+        return load > self._least_force

@@ -71,8 +71,9 @@ def watch(
     STAND -> RUN on a fresh GO, -> WALK where its plan is of joint targets, -> LIE on a fresh LIE.
     LIE -> STAND on a fresh STAND or GO, and then it gets up for 1 s. RUN, WALK <-> COAST by the age
     of the plan. RUN, COAST, WALK -> LANDING when the plan is lost or says STOP (a fault), STAND or
-    LIE (no fault). LANDING -> STOPPED after a fault, else STAND. A plan that is lost or says STOP
-    while the robot stands or lies changes nothing: it already does the safe thing.
+    LIE (no fault); WALK -> STAND at once where the robot is at rest. LANDING -> STOPPED after a
+    fault, else STAND. A plan that is lost or says STOP while the robot stands or lies changes
+    nothing: it already does the safe thing.
     """
     config = config or WatchdogConfig()
     mode, fault = _decide(state, now, config)
@@ -104,7 +105,8 @@ def _decide(
     if lost:
         return ControllerMode.LANDING, True
     if now.plan_status in (PlanStatus.STAND, PlanStatus.LIE):
-        return ControllerMode.LANDING, False
+        stands = state.mode == ControllerMode.WALK and now.settled
+        return (ControllerMode.STAND if stands else ControllerMode.LANDING), False
     go = ControllerMode.WALK if now.walks else ControllerMode.RUN
     return (go if now.plan_age_s <= config.coast_age_s else ControllerMode.COAST), False
 

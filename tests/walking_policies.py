@@ -2,10 +2,13 @@
 
 from pathlib import Path
 
+import numpy as np
 import torch
-from samples import ROBOT
+from samples import KINEMATICS, ROBOT
 from torch import Tensor, nn
 
+from saltus.arrays import Floats
+from saltus.constants import GRAVITY
 from saltus.onnx_export import write_onnx
 from saltus.policy.joints.description import PolicyDescription
 from saltus.policy.joints.policy import FIELD
@@ -45,3 +48,10 @@ def put_policy(
         metadata={FIELD: description.to_toml()} if describes_itself else {},
     )
     return path
+
+
+def bearing(joints: Floats, shares: Floats) -> Floats:
+    """Torques of the tests' robot, level, whose feet bear shares of its weight [Nm], shape (12,)."""
+    _, jacobian = KINEMATICS.position_and_jacobian(joints)
+    force = shares[:, None] * ROBOT.mass * GRAVITY * np.array([0.0, 0.0, 1.0])
+    return -(force[:, None, :] @ jacobian).reshape(12)

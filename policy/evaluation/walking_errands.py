@@ -37,6 +37,7 @@ LINE_M, LINE_RAD = 0.05, math.radians(3.0)
 LINE_S, STAND_S = 30.0, 2.0
 """Time to reach it and to stand; a robot is at rest so long after the command to stand."""
 _NEAR_M, _NEAR_RAD = 0.04, math.radians(2.0)  # here the operator lets it stand
+_MISSED_M = 0.1  # by which it aims further at most, in each direction
 _POSE_GAIN, _POSE_MPS, _POSE_RPS = 1.0, (0.5, 0.3), 0.8
 _LEAST_MPS, _LEAST_RPS = 0.25, 0.3  # the shipped policies stand where they are asked for less
 
@@ -123,15 +124,20 @@ def line(run: Run, seed: int) -> Errand:
     """Leads a robot to a place and heading that the seed draws, and lets it stand there."""
     rng = np.random.default_rng((seed, 4))
     goal, heading = rng.uniform((0.8, -0.6), (2.5, 0.6)), float(rng.uniform(-0.5, 0.5))
-    let_stand_s = math.inf
+    let_stand_s, aim, aimed_heading = math.inf, goal, heading
 
     def operator(time_s: float, truth: PlantState) -> Wish:
-        nonlocal let_stand_s
-        offset, error = _offset(truth, goal, heading)
+        nonlocal let_stand_s, aim, aimed_heading
+        if time_s - let_stand_s > STAND_S:
+            if _within(*_offset(truth, goal, heading), LINE_M, LINE_RAD):
+                return STAND
+            # Once more, as far beyond as it has come to rest short of the line
+            aim = aim + (goal - truth.position_base_in_world[:2]).clip(-_MISSED_M, _MISSED_M)
+            aimed_heading += math.remainder(heading - yaw_of(truth), 2.0 * math.pi)
+            let_stand_s = math.inf
+        offset, error = _offset(truth, aim, aimed_heading)
         if _within(offset, error, _NEAR_M, _NEAR_RAD):
             let_stand_s = min(let_stand_s, time_s)
-        elif time_s - let_stand_s > STAND_S and not _within(offset, error, LINE_M, LINE_RAD):
-            let_stand_s = math.inf  # once more
         return STAND if time_s >= let_stand_s else _to_pose(offset, error)
 
     for step in run(operator):

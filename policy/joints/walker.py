@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats, smooth_step
+from saltus.policy.joints.footing import Footing
 from saltus.policy.joints.observation import (
     Observer,
     Sensed,
@@ -27,10 +28,9 @@ RISE_NS = 600_000_000
 higher: trainings start there."""
 SLOW_MPS = 0.15
 """Estimated speed below which a robot is left to the controller's stand."""
-STOP_NS = (600_000_000, 1_200_000_000)
-"""Time for which the policy is asked to stand before that, at least and at most: two steps bring
-the feet below the hips, and feet that stand askew turn the trunk when the controller aligns
-them."""
+STOP_NS = (200_000_000, 1_200_000_000)
+"""Time for which the policy is asked to stand before that, at least and at most. Asked for longer,
+on stairs, policies turn the trunk until it tips over: their pose is that of level ground."""
 UNDER_WAY = (ControllerMode.WALK, ControllerMode.COAST)
 """Modes in which the policy goes on: of a Go1 at 1.2 m/s whose plans were missing for 60 ms none of
 8 fell, and 7 when it began anew."""
@@ -52,7 +52,7 @@ class Walker:
     ) -> None:
         policy.refuse_other(robot)
         described = policy.description
-        self._policy, self._described = policy, described
+        self._robot, self._policy, self._described = robot, policy, described
         self._observer, self._places = (
             Observer(described),
             slice(None) if places is None else places,
@@ -65,23 +65,25 @@ class Walker:
         self._begin(standing_state(robot))
         self._act(standing_state(robot), self._blind, (0.0, 0.0, 0.0))  # the first call takes long
         self._stopping_ns: int | None = None
+        self._footing: Footing | None = None
 
     def plan(self, decision: Decision) -> JointPlan:
         """See `saltus.policy.mover.Mover.plan`."""
         state = decision.state
         if any(decision.velocity):
-            self._stopping_ns = None
+            self._stopping_ns = self._footing = None
         if decision.heights is None or state.mode not in UNDER_WAY:
             self._begin(state)
         else:
             self._move(state, decision.heights, decision.velocity)
+        kp, kd = (self._kp, self._kd) if self._footing is None else self._footing.gains
         return JointPlan(
             time_ns=state.time_ns,
             step=state.step,
             status=decision.status,
             joint_position=self._targets,
-            kp=self._kp,
-            kd=self._kd,
+            kp=kp,
+            kd=kd,
             reason=decision.reason,
         )
 
@@ -95,19 +97,28 @@ class Walker:
             self._stopping_ns = state.time_ns
         speed = math.hypot(*state.velocity_base_in_world[:2])
         since_ns, (least_ns, most_ns) = state.time_ns - self._stopping_ns, STOP_NS
-        return since_ns < least_ns or (speed > SLOW_MPS and since_ns < most_ns)
+        if self._footing is None:
+            if since_ns < least_ns or (speed > SLOW_MPS and since_ns < most_ns):
+                return True
+            self._footing = Footing(self._robot, state)
+        return not self._footing.is_over(state)
 
     def _begin(self, state: RobotState) -> None:
-        """Holds the joints where they are; all that the policy remembers is forgotten."""
-        self._from = self._targets = np.array(state.joint_position)
+        """Holds the joints where they are, by the torque that bears the robot now.
+
+        All that the policy remembers is forgotten.
+        """
+        self._from = self._targets = state.joint_position + state.joint_torque / self._kp
         self._action = np.zeros(len(JOINTS))
         self._past: Floats | None = None
         self._begun_ns, self._acted_ns = state.time_ns, -1
-        self._stopping_ns = None
+        self._stopping_ns = self._footing = None
 
     def _move(self, state: RobotState, heights: Floats, velocity: Velocity) -> None:
         share = (state.time_ns - self._begun_ns) / RISE_NS
-        if share < 1.0:
+        if self._footing is not None:
+            self._targets = self._footing.step(state)
+        elif share < 1.0:
             risen = float(smooth_step(np.asarray(share)))
             self._targets = self._from + risen * (self._pose - self._from)
         elif self._acted_ns < 0 or state.time_ns - self._acted_ns >= self._period_ns:

@@ -8,7 +8,7 @@ about y. Thigh and calf are straight lines between the axes; they hang down at t
 
 import numpy as np
 
-from saltus.arrays import Array, Constant, Jacobians, Joints, Legs, namespace
+from saltus.arrays import Array, Constant, Jacobians, Joints, Legs, PerLeg, Vectors, namespace
 from saltus.robots.robot import Robot
 
 # Abduction, thigh, thigh + calf
@@ -16,6 +16,7 @@ _CHAIN_ANGLES = Constant([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 1.0]])
 # A foot cannot be nearer to the abduction axis than the abduction link: closer targets are
 # projected out to this [m].
 _MINIMUM_EXTENSION = 0.01
+_NEARLY_STRAIGHT = Constant(1e-6 * np.eye(3))  # a straight leg has no inverse
 
 
 class LegKinematics:
@@ -65,6 +66,23 @@ class LegKinematics:
         Shape (..., 12) -> (..., 4, 3, 3).
         """
         return self.position_and_jacobian(joint_position)[1]
+
+    def load(self, joint_position: Joints, torque: Joints, up: Vectors) -> PerLeg:
+        """Forces of the ground on the feet along a direction [N], shape (..., 4).
+
+        Masses of the legs are left out.
+
+        Args:
+            joint_position: [rad], shape (..., 12).
+            torque: Of the joints [Nm], shape (..., 12).
+            up: The direction, a unit vector in the base frame, shape (..., 3).
+        """
+        xp = namespace(joint_position)
+        _, jacobian = self.position_and_jacobian(joint_position)
+        legs = torque.reshape((*torque.shape[:-1], 4, 3, 1))
+        regular = jacobian.mT + _NEARLY_STRAIGHT.like(torque)
+        force: Array = -xp.linalg.solve(regular, legs)[..., 0]
+        return (force @ up[..., None])[..., 0]
 
     def inverse(self, foot_position: Legs) -> Joints:
         """Joint angles, knees bent backwards, that put the feet at the given points.

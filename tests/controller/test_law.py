@@ -143,6 +143,28 @@ def test_standing_goes_from_the_present_pose_to_one_on_the_slope_that_the_feet_g
     assert (command.kd == 3.0).all()
 
 
+@pytest.mark.parametrize("uneven_m", [0.0, 0.05])
+def test_a_robot_that_walked_rests_over_its_feet_which_do_not_move(draw, uneven_m):
+    rng = np.random.default_rng(17)
+    plan, sensed = draw(rng, (200,))
+    level = KINEMATICS.position(ROBOT.stand_pose)
+    feet = level + rng.uniform(-1.0, 1.0, (200, 4, 3)) * np.array([0.06, 0.04, uneven_m])
+    tilt = quaternion_from_roll_pitch_yaw(*rng.uniform(-4.0, 4.0, (3, 200)) * uneven_m)
+    sensed = replace(sensed, joint_position=KINEMATICS.inverse(feet), quaternion_base_in_world=tilt)
+    state = replace(LAW.init((200,), sensed.joint_position), mode=ControllerMode.WALK)
+    for _ in range(600):
+        command, state, _ = LAW.step(plan, sensed, state, ControllerMode.STAND)
+    stood = KINEMATICS.position(command.position)
+
+    def apart(places):
+        return np.linalg.norm(places[:, :, None] - places[:, None], axis=-1)
+
+    np.testing.assert_allclose(apart(stood), apart(feet), atol=1e-6)
+    if not uneven_m:  # elsewhere the base is tilted by a share of the slope
+        middle = stood.mean(axis=1) - level.mean(axis=0)
+        np.testing.assert_allclose(middle, 0.0, atol=1e-6)
+
+
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_yaw_is_turned_back_to_the_heading_the_short_way(draw, side):
     plan, sensed = draw(np.random.default_rng(18), (30,))

@@ -69,6 +69,7 @@ def expected(state, now):
         (state.mode == mode.LANDING and not over, mode.LANDING),
         (state.mode == mode.LANDING and (state.fault or lost(now)), mode.STOPPED),
         (state.mode == mode.LANDING, mode.STAND),
+        (state.mode == mode.WALK and rests and not lost(now) and now.settled, mode.STAND),
         (moving and (lost(now) or rests), mode.LANDING),
         (moving and now.plan_age_s <= 0.030, mode.WALK if now.walks else mode.RUN),
         (moving, mode.COAST),
