@@ -12,7 +12,7 @@ from saltus.arrays import Floats
 from saltus.clock import RunClock
 from saltus.config import RunConfig
 from saltus.controller.robot.backend import CourseRobot, Reading, true_heights
-from saltus.controller.robot.unitree.limits import STAGES
+from saltus.controller.robot.unitree.limits import COURSE
 from saltus.controller.robot.unitree.link import COMMANDS, STATES, TRUTHS, UnitreeLink
 from saltus.controller.robot.unitree.robot import ANSWER_S, CONNECT_S, WAIT_S, UnitreeRobot
 from saltus.controller.robot.unitree.truth import TruthSample, read_truth, tick_of
@@ -34,7 +34,7 @@ LAST_TICK = 2**32 - 1
 
 
 class UnitreeOnCourse(CourseRobot):
-    """One simulated robot on DDS, with the limits of bounding (`STAGES`).
+    """One simulated robot on DDS, with the limits of a course (`COURSE`).
 
     Args:
         link: To the robot; it sends commands and takes states and truth.
@@ -45,9 +45,7 @@ class UnitreeOnCourse(CourseRobot):
 
     def __init__(self, link: UnitreeLink, setup: Setup, clock: RunClock, *, lockstep: bool) -> None:
         self._link = link
-        self._robot = UnitreeRobot(
-            link, setup.robot, clock, limits=STAGES["bound"], lockstep=lockstep
-        )
+        self._robot = UnitreeRobot(link, setup.robot, clock, limits=COURSE, lockstep=lockstep)
         self._terrain, self._grid, self._lockstep = setup.terrain, setup.grid, lockstep
         self._truth: TruthSample | None = None
         self._waiting: deque[bytes] = deque()
