@@ -32,6 +32,9 @@ MOVES = 0.1
 FOLLOWS = 0.9
 """Correlation from which an angle follows its command, or a rate its angle, whatever their units
 are."""
+ONE_MOTION = 0.5
+"""Correlation from which a rate and its angle show one motion, and what differs is noise of both;
+columns of two joints have less."""
 AGREE = 0.25
 """Share by which the factors of posture and motion of one joint may differ: soft drives follow by
 0.8."""
@@ -217,7 +220,8 @@ def rate_slopes(
     """Slopes of dq over the rate of q, shape (joints,), NaN at rest; None of a log too short.
 
     A rate of this RMS [rad/s] is compared, of the second already where dq shows the very motion of
-    q.
+    q. Errors of q, such as coarse steps, make the slope too small, and the inverse of that of the
+    rate over dq too large: where both are of one motion, it is the one between them nearest to 1.
     """
     width = max(1, round(RATE_S / float(np.median(np.diff(time_s)))))
     if len(time_s) < 4 * width:
@@ -226,9 +230,12 @@ def rate_slopes(
     mean = means(dq, width)
     tiny = np.finfo(np.float64).tiny
     power, product = np.maximum(np.sum(rate**2, axis=0), tiny), np.sum(rate * mean, axis=0)
-    shown = np.abs(product) > FOLLOWS * np.sqrt(power * np.maximum(np.sum(mean**2, axis=0), tiny))
-    size = np.sqrt(power / len(rate))
-    return np.where((size > moving) | (shown & (size > barely)), product / power, np.nan)
+    told = np.maximum(np.sum(mean**2, axis=0), tiny)
+    alike = np.abs(product) / np.sqrt(power) / np.sqrt(told)
+    size, least = np.sqrt(power / len(rate)), np.abs(product) / power
+    most = np.where(alike > ONE_MOTION, told / np.maximum(np.abs(product), tiny), least)
+    slope = np.sign(product) * np.clip(1.0, least, np.maximum(least, most))
+    return np.where((size > moving) | ((alike > FOLLOWS) & (size > barely)), slope, np.nan)
 
 
 def command_rate_faults(log: RunLog) -> Iterator[Fault]:

@@ -9,6 +9,8 @@ import pytest
 from rig_logs import Rig, body_log, joints_logs
 
 from saltus.arrays import Floats
+from saltus.real2sim.screening.angles import rate_slopes
+from saltus.real2sim.screening.scales import is_off
 from saltus.real2sim.screening.screen import screen
 from saltus.recordings.run_log import JointTable, RunLog, Table
 
@@ -42,6 +44,21 @@ def log(logs: dict[Rig, RunLog]) -> RunLog:
 @pytest.fixture(scope="module")
 def body() -> RunLog:
     return body_log()
+
+
+@pytest.mark.parametrize("step", [0.0, 0.005, 0.01, 0.025])
+@pytest.mark.parametrize("factor", [1.0, 57.3, 6.33, 0.1, -1.0])
+def test_a_rate_is_judged_beside_the_steps_of_a_coarse_encoder(
+    log: RunLog, step: float, factor: float
+) -> None:
+    """Of a robot that hardly moves, whose readings have noise beside their steps."""
+    rng, joints = np.random.default_rng(1), log.joints
+    q, dq = 0.05 * (joints.q - joints.q.mean(axis=0)), 0.05 * np.asarray(joints.dq)
+    coarse = np.round(q / step) * step if step else q
+    slopes = rate_slopes(joints.time_s, coarse + 1e-4 * rng.standard_normal(q.shape), factor * dq)
+    assert slopes is not None
+    assert np.isfinite(slopes).all()
+    assert [is_off(float(slope)) for slope in slopes] == 12 * [factor != 1.0]
 
 
 @pytest.mark.parametrize("rig", STRONG)
