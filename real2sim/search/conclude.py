@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 
-from saltus.arrays import Floats
+from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.problem import Estimate, Problem
 from saltus.real2sim.search import decide, estimates, signature
 from saltus.real2sim.search.decide import ModelComparison, ScoredFit
@@ -24,7 +24,7 @@ from saltus.real2sim.search.layout import Model, model_of
 from saltus.real2sim.search.quadratic import Quadratic, dispersion, held_out_gains, spread
 from saltus.real2sim.search.repeats import closed_of_repeating, repeats_of
 from saltus.real2sim.search.reported import Groups, misfits_of, stated_model, unseen_of
-from saltus.real2sim.search.split import Cells
+from saltus.real2sim.search.split import TEST, Cells
 
 LASTING, UNEVEN = 0.4, 3.0
 """Noise that lasts longer than its level was read from shows in all segments, whatever they move:
@@ -299,24 +299,26 @@ def _minimum_detectable(
     """Smallest size of each effect that would be found, at the place that shows it best.
 
     Its gain must reach `decide.GAIN_NATS` with nuisances projected out, by the quadratic around the
-    model without effects, and its RMS must reach `comparison.size` on average over a segment.
+    model without effects, and its RMS must reach `comparison.size` in the segment that shows it
+    best, where it shows in one signal.
     """
     layout = comparison.layout
     nuisances = np.flatnonzero(around.where(layout.nuisances))
-    segments = max(1, len(np.unique(comparison.split.segment)))
+    segments, own = np.unique(comparison.cells.segment, return_inverse=True)
+    rows = np.bincount(own, comparison.cells.counts) / np.bincount(own)
+    chunks = (comparison.split.segment == segments[:, None]) & (comparison.split.fold != TEST)
     sizes: dict[str, tuple[float, int]] = {}
     for index, candidate in enumerate(layout.candidates):
         if candidate.is_nuisance or candidate.effect in untestable:
             continue
         column = int(layout.of_candidate(index)[0])
         for block in range(len(null.residuals)):
-            power = _power(around.information(block), column, nuisances)
-            if power <= 0.0:
+            power = chunks @ _power(around, block, column, nuisances)
+            if power.sum() <= 0.0:
                 continue
-            rows = null.residuals.shape[1] / (segments * max(1, len(problem.signals)))
             size = max(
-                np.sqrt(2.0 * decide.GAIN_NATS * wide / power),
-                comparison.size * np.sqrt(rows / power),
+                np.sqrt(2.0 * decide.GAIN_NATS * wide / power.sum()),
+                comparison.size / np.sqrt(np.max(power / rows)),
             )
             if candidate.effect not in sizes or size < sizes[candidate.effect][0]:
                 sizes[candidate.effect] = (float(size), index)
@@ -335,13 +337,17 @@ def _physical_size(
     return next(iter(problem.candidates[index].parameters(values).values()))
 
 
-def _power(hessian: Floats, column: int, nuisances: np.ndarray) -> float:
-    """Power of the signature of an unknown with nuisances projected out."""
-    cross = hessian[column, nuisances]
-    if not len(nuisances):
-        return float(hessian[column, column])
-    inverse = np.linalg.pinv(hessian[np.ix_(nuisances, nuisances)], rcond=1e-10, hermitian=True)
-    return float(hessian[column, column] - cross @ inverse @ cross)
+def _power(around: Quadratic, block: int, column: int, nuisances: Indices) -> Floats:
+    """Power of the signature of an unknown in each chunk, shape (chunks,).
+
+    Nuisances are projected out, by a fit to all that fits see.
+    """
+    whole = around.information(block)
+    inverse = np.linalg.pinv(whole[np.ix_(nuisances, nuisances)], rcond=1e-10, hermitian=True)
+    left = np.zeros(len(around.columns))
+    left[column] = 1.0
+    left[nuisances] -= inverse @ whole[nuisances, column]
+    return np.einsum("i,cij,j->c", left, around.hessian[block], left)
 
 
 def _baselines(
