@@ -2,11 +2,11 @@
 gap on test segments, smallest detectable effects.
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from saltus.arrays import Floats, Indices
+from saltus.arrays import Floats
 from saltus.real2sim.problem.problem import Estimate, Problem
 from saltus.real2sim.search import decide, estimates, signature
 from saltus.real2sim.search.decide import ModelComparison, ScoredFit
@@ -20,11 +20,12 @@ from saltus.real2sim.search.findings import (
     SignalGap,
 )
 from saltus.real2sim.search.fit import Evaluator, Fit
-from saltus.real2sim.search.layout import Model, model_of
+from saltus.real2sim.search.known_fits import KnownFits
+from saltus.real2sim.search.layout import Layout, Model, model_of
 from saltus.real2sim.search.quadratic import Quadratic, dispersion, held_out_gains, spread
 from saltus.real2sim.search.repeats import closed_of_repeating, repeats_of
 from saltus.real2sim.search.reported import Groups, misfits_of, stated_model, unseen_of
-from saltus.real2sim.search.split import TEST, Cells
+from saltus.real2sim.search.split import Cells
 
 LASTING, UNEVEN = 0.4, 3.0
 """Noise that lasts longer than its level was read from shows in all segments, whatever they move:
@@ -47,24 +48,19 @@ def findings(
     problem: Problem,
     comparison: ModelComparison,
     evaluate: Evaluator,
-    fits: dict[Model, Fit],
-    library: Callable[[Model], Quadratic],
+    known: KnownFits,
 ) -> Findings:
-    """Findings from all fitted models, by model, with () for the one without effects.
-
-    `library` is the quadratic with the unknowns of all effects around a fit; `evaluate` simulates
-    the stated values.
-    """
-    scored = [comparison.score(each) for each in fits.values()]
+    """Findings from all fitted models; `evaluate` simulates the stated values."""
+    scored = [comparison.score(each) for each in known.fits.values()]
     best = min(scored, key=lambda each: each.total).fit  # its residuals are closest to noise
     wide = dispersion(
         best.quadratic(comparison.layout, comparison.split), np.ones(len(best.columns), dtype=bool)
     )
     chosen = decide.choose(comparison, scored, wide)
     null = next(each for each in scored if not each.fit.model)
-    around = library(chosen.fit.model)
-    # With the derivatives that `library` has renewed
-    chosen = comparison.score(fits[chosen.fit.model])
+    around = known.quadratic(chosen.fit.model)
+    # With the derivatives that `quadratic` has renewed
+    chosen = comparison.score(known.fits[chosen.fit.model])
     confusion = signature.confusion(comparison.layout, around, chosen.fit.model)
     alike = decide.ambiguities(comparison, chosen, scored, confusion, wide, problem.collinear)
     model = stated_model(problem, comparison, evaluate, null, chosen)
@@ -91,7 +87,11 @@ def findings(
         sets=_sets(alike) if is_stated else (),
         rivals=(
             *(one for name, stated in effects.items() if alike[name] for one in stated),
-            *(_instead(problem, comparison, fits, chosen.fit.model, alike) if is_stated else ()),
+            *(
+                _instead(problem, comparison, known.fits, chosen.fit.model, alike)
+                if is_stated
+                else ()
+            ),
         ),
         nearest=tuple(one for stated in fitted.values() for one in stated)
         if ruling == "unexplained"
@@ -108,9 +108,7 @@ def findings(
         ),
         misfits=misfits,
         remainder=tested.largest_rms(tested.structure(final)),
-        minimum_detectable=_minimum_detectable(
-            problem, comparison, library(()), fits[()], wide, untestable
-        ),
+        minimum_detectable=_minimum_detectable(problem, comparison, known, wide, untestable),
         untestable=untestable,
         baselines=_baselines(comparison, around, scored),
         evaluations=evaluate.evaluations,
@@ -291,34 +289,31 @@ def _gaps(problem: Problem, tested: Cells, before: Floats, after: Floats) -> tup
 def _minimum_detectable(
     problem: Problem,
     comparison: ModelComparison,
-    around: Quadratic,
-    null: Fit,
+    known: KnownFits,
     wide: float,
     untestable: Collection[str],
 ) -> dict[str, Estimate]:
     """Smallest size of each effect that would be found, at the place that shows it best.
 
-    Its gain must reach `decide.GAIN_NATS` with nuisances projected out, by the quadratic around the
-    model without effects, and its RMS must reach `comparison.size` in the segment that shows it
-    best, where it shows in one signal.
+    With nuisances projected out, by derivatives at the model without effects, its gain must reach
+    `decide.GAIN_NATS`, and its RMS `comparison.size` in the segment and signal that show it best.
     """
-    layout = comparison.layout
-    nuisances = np.flatnonzero(around.where(layout.nuisances))
-    segments, own = np.unique(comparison.cells.segment, return_inverse=True)
-    rows = np.bincount(own, comparison.cells.counts) / np.bincount(own)
-    chunks = (comparison.split.segment == segments[:, None]) & (comparison.split.fold != TEST)
+    layout, cells = comparison.layout, comparison.cells
+    around, slopes = known.quadratic(()), known.library(())
     sizes: dict[str, tuple[float, int]] = {}
     for index, candidate in enumerate(layout.candidates):
         if candidate.is_nuisance or candidate.effect in untestable:
             continue
         column = int(layout.of_candidate(index)[0])
-        for block in range(len(null.residuals)):
-            power = chunks @ _power(around, block, column, nuisances)
-            if power.sum() <= 0.0:
+        for block in range(len(slopes)):
+            signature = _signature(around.information(block), slopes[block], column, layout)
+            power = cells.power(signature)
+            gain = float(np.sum(power * cells.counts))
+            if gain <= 0.0:
                 continue
             size = max(
-                np.sqrt(2.0 * decide.GAIN_NATS * wide / power.sum()),
-                comparison.size / np.sqrt(np.max(power / rows)),
+                np.sqrt(2.0 * decide.GAIN_NATS * wide / gain),
+                comparison.size / np.sqrt(power.max()),
             )
             if candidate.effect not in sizes or size < sizes[candidate.effect][0]:
                 sizes[candidate.effect] = (float(size), index)
@@ -337,17 +332,13 @@ def _physical_size(
     return next(iter(problem.candidates[index].parameters(values).values()))
 
 
-def _power(around: Quadratic, block: int, column: int, nuisances: Indices) -> Floats:
-    """Power of the signature of an unknown in each chunk, shape (chunks,).
-
-    Nuisances are projected out, by a fit to all that fits see.
+def _signature(information: Floats, slopes: Floats, column: int, layout: Layout) -> Floats:
+    """Change of the residuals of a block by an unknown, shape (m,), without what nuisances make up
+    for in a fit.
     """
-    whole = around.information(block)
-    inverse = np.linalg.pinv(whole[np.ix_(nuisances, nuisances)], rcond=1e-10, hermitian=True)
-    left = np.zeros(len(around.columns))
-    left[column] = 1.0
-    left[nuisances] -= inverse @ whole[nuisances, column]
-    return np.einsum("i,cij,j->c", left, around.hessian[block], left)
+    nuisances = layout.nuisances
+    inverse = np.linalg.pinv(information[np.ix_(nuisances, nuisances)], rcond=1e-10, hermitian=True)
+    return np.asarray(slopes[column] - inverse @ information[nuisances, column] @ slopes[nuisances])
 
 
 def _baselines(

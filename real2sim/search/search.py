@@ -95,9 +95,7 @@ class _Search:
                 ):
                     self._fit_larger(self._known.best(size - 1), size)
             self._refit_rivals()
-        return conclude.findings(
-            self._problem, self._comparison, self._evaluate, self._known.fits, self._known.quadratic
-        )
+        return conclude.findings(self._problem, self._comparison, self._evaluate, self._known)
 
     def _is_worth_fitting(self) -> bool:
         """True where the quadratic promises a larger gain than chance from all effects together."""
