@@ -1,5 +1,7 @@
 """A robot that is to stand lets down the feet that its policy has left in the air, and leans."""
 
+import math
+
 import numpy as np
 
 from saltus.arrays import Floats
@@ -18,6 +20,8 @@ LEANING = 4.0
 """Speed of the base towards its place over the feet, by the distance from it [1/s]."""
 LEANING_MPS = 0.3
 """The same at most."""
+SLOW_MPS = 0.15
+"""Estimated speed below which a robot is left to the controller's stand."""
 LONGEST_NS = 1_000_000_000
 """It ends after this, where a foot finds no ground."""
 BEARS_NS = 50_000_000
@@ -66,8 +70,12 @@ class Footing:
         return self._targets
 
     def is_over(self, state: RobotState) -> bool:
-        """True where all feet stand and the base is over them, or where that takes too long."""
+        """True where all feet stand and the base rests over them, or where that takes too long."""
         bears = state.time_ns - self._hung_ns >= BEARS_NS
-        return (bears and self._away_m < CENTRED_M) or (
-            state.time_ns - self._begun_ns >= LONGEST_NS
-        )
+        rests = self._away_m < CENTRED_M and is_slow(state)
+        return (bears and rests) or state.time_ns - self._begun_ns >= LONGEST_NS
+
+
+def is_slow(state: RobotState) -> bool:
+    """True below `SLOW_MPS`."""
+    return math.hypot(*state.velocity_base_in_world[:2]) < SLOW_MPS

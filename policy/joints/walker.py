@@ -2,13 +2,11 @@
 is asked at the policy's rate, and comes to a stand.
 """
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats, smooth_step
-from saltus.policy.joints.footing import Footing
+from saltus.policy.joints.footing import Footing, is_slow
 from saltus.policy.joints.observation import (
     Observer,
     Sensed,
@@ -26,10 +24,8 @@ from saltus.wire.messages import CommandMode, ControllerMode, JointPlan, RobotSt
 RISE_NS = 600_000_000
 """Time from the standing pose of the controller to that of the policy, which for a Go1 is 4 cm
 higher: trainings start there."""
-SLOW_MPS = 0.15
-"""Estimated speed below which a robot is left to the controller's stand."""
 STOP_NS = (200_000_000, 1_200_000_000)
-"""Time for which the policy is asked to stand before that, at least and at most. Asked for longer,
+"""Time for which the policy is asked to stand until the robot is slow, at least and at most. Asked for longer,
 on stairs, policies turn the trunk until it tips over: their pose is that of level ground."""
 UNDER_WAY = (ControllerMode.WALK, ControllerMode.COAST)
 """Modes in which the policy goes on: of a Go1 at 1.2 m/s whose plans were missing for 60 ms none of
@@ -88,17 +84,16 @@ class Walker:
         )
 
     def slows(self, state: RobotState) -> bool:
-        """True until it is slow, within the times of `STOP_NS`;
+        """True until it is slow, within the times of `STOP_NS`, and rests over its feet;
         see `saltus.policy.mover.Mover.slows`.
         """
         if state.mode != ControllerMode.WALK:
             return False
         if self._stopping_ns is None:
             self._stopping_ns = state.time_ns
-        speed = math.hypot(*state.velocity_base_in_world[:2])
         since_ns, (least_ns, most_ns) = state.time_ns - self._stopping_ns, STOP_NS
         if self._footing is None:
-            if since_ns < least_ns or (speed > SLOW_MPS and since_ns < most_ns):
+            if since_ns < least_ns or (since_ns < most_ns and not is_slow(state)):
                 return True
             self._footing = Footing(self._robot, state)
         return not self._footing.is_over(state)

@@ -10,7 +10,7 @@ from samples import ROBOT
 from walking_policies import OURS, bearing, put_policy
 
 from saltus.errors import ModelError
-from saltus.policy.joints.footing import BEARS_NS
+from saltus.policy.joints.footing import BEARS_NS, LONGEST_NS
 from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.joints.walker import RISE_NS, STOP_NS, Walker
 from saltus.policy.mover import AT_REST, Decision
@@ -158,7 +158,8 @@ def test_it_comes_to_a_stand_before_it_rests_and_not_later_than_said(
         walker.plan(Decision(state=state(step, **known), heights=LEVEL, velocity=AT_REST))
         step += 1
     least, most = (ns // STEP_NS for ns in STOP_NS)
-    assert step - first == (least if speed < 0.15 else most) + BEARS_NS // STEP_NS
+    expected = least + BEARS_NS // STEP_NS if speed < 0.15 else most + LONGEST_NS // STEP_NS
+    assert step - first == expected
     assert not walker.slows(state(first, ControllerMode.LANDING))
 
 
