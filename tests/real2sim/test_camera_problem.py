@@ -149,7 +149,7 @@ CASES: dict[str, tuple[dict[str, Any], dict[str, tuple[float, float]]]] = {
 ROUGH = ("nothing", "both", "pitch", "clip", "filled")
 
 
-@pytest.mark.sample(3)
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     ("case", "is_rough"), [*((case, False) for case in CASES), *((case, True) for case in ROUGH)]
 )

@@ -83,6 +83,7 @@ def test_lateness_is_found_wherever_it_lies(seed: int) -> None:
     assert found.half_width_90 < 0.005
 
 
+@pytest.mark.sample(5)
 @pytest.mark.parametrize(
     ("changed", "late_s", "refused"),
     [

@@ -48,7 +48,7 @@ def test_a_robot_bounds_ahead_and_stands_again(seed: int) -> None:
     assert 100.0 < bounding.run.peak_power_w < 5000.0
 
 
-@pytest.mark.sample(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_a_robot_that_is_lost_in_midair_is_damped(seed: int) -> None:
     start_s = STANDS_S + float(np.random.default_rng(seed).uniform(0.5, 0.8))
