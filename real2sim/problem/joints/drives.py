@@ -7,6 +7,7 @@ present, so that they come in smoothly.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -211,8 +212,8 @@ class Drives:
         """Torque [Nm] that saturation takes from a commanded one >= 0; a law and pieces add up."""
         missing = np.zeros(magnitude.shape)
         if self.torque_saturation is not None:
-            joints, sets, parts = self._saturating
-            missing[..., joints, sets] = lost(magnitude[..., joints, sets], *parts)
+            where, parts = self._saturating
+            missing[where] = lost(magnitude[where], *parts)
         for slope, corner in self.kinks:
             missing = missing + slope * np.maximum(magnitude - corner, 0.0)
         return missing
@@ -220,14 +221,16 @@ class Drives:
     # What stays the same over a replay, of which each step takes its turn
 
     @cached_property
-    def _saturating(self) -> tuple[Indices, Indices, list[Floats]]:
-        """Joints and sets that lose any torque, and the law's numbers there.
+    def _saturating(self) -> tuple[Any, list[Floats]]:
+        """Where torque is lost, as an index, and the law's numbers there.
 
-        Of the sets of a search few saturate.
+        Those joints and sets alone where they are few; to gather most of them costs more than it
+        saves.
         """
         assert self.torque_saturation is not None  # noqa: S101 - who has none does not ask
-        joints, sets = np.nonzero(self.torque_saturation[0].any(axis=0))
-        return joints, sets, [part[:, joints, sets] for part in self.torque_saturation]
+        loses = self.torque_saturation[0].any(axis=0)
+        where = (..., *np.nonzero(loses)) if 2 * np.count_nonzero(loses) < loses.size else ...
+        return where, [part[where] for part in self.torque_saturation]
 
     @cached_property
     def _filter_weights(self) -> tuple[Floats, Floats, Floats]:
