@@ -229,7 +229,8 @@ class Drives:
         """
         assert self.torque_saturation is not None  # noqa: S101 - who has none does not ask
         loses = self.torque_saturation[0].any(axis=0)
-        where = (..., *np.nonzero(loses)) if 2 * np.count_nonzero(loses) < loses.size else ...
+        few = 2 * np.count_nonzero(loses) < loses.size
+        where: Any = (..., *np.nonzero(loses)) if few else ...
         return where, [part[where] for part in self.torque_saturation]
 
     @cached_property
