@@ -85,15 +85,15 @@ class ControlLoop:
     def sense(self, reading: Reading) -> None:
         """Takes in what the robot measures now.
 
-        The yaw of the first reading, or of that at the end of the rise, is the heading that it will
-        hold.
+        It will hold the yaw of the first reading, or of that at the end of the rise; a robot that
+        walks turns, and will hold the last one of its walk.
         """
         measured = reading.measurement
         if self._rise_ticks and self._ticks == self._rise_ticks:  # what it was before is no stand
             self._estimate = self._tick.estimator.init((), self._robot.stand_pose)
             self._reading = None
         sensing = self._tick.sense(measured, self._gait.trusted, self._estimate)
-        if self._reading is None:
+        if self._reading is None or self.mode == ControllerMode.WALK:
             self._heading = float(sensing.yaw)
         self._reading = reading
         self._attitude = (float(sensing.roll), float(sensing.pitch))

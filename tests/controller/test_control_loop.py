@@ -12,7 +12,7 @@ from saltus.controller.loop import FIRST_STAND_S, ControlLoop
 from saltus.controller.robot.backend import Reading
 from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.errors import SaltusError
-from saltus.rotations import roll_pitch_yaw, rotation_matrix
+from saltus.rotations import quaternion_from_roll_pitch_yaw, roll_pitch_yaw, rotation_matrix
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
 from saltus.wire.messages import ControllerMode, JointPlan, MotionPlan, PlanStatus
@@ -146,6 +146,36 @@ def test_joint_targets_are_held_and_their_end_is_a_stand(silent_s):
     assert not robot.take_trunk_contact()
     assert np.linalg.norm(robot.state.velocity_base_in_world) < 0.1
     assert loop.state(0, 0).leg_trusted.all()
+
+
+@pytest.mark.parametrize("yaw", [-2.0, 0.5, 3.0])
+def test_a_robot_that_has_turned_while_it_walked_jumps_in_its_new_heading(yaw):
+    """It is commanded as one that stood in that heading from the first."""
+    still = make_robot().read()
+
+    def seen(angle):
+        quaternion = quaternion_from_roll_pitch_yaw(*map(np.asarray, (0.0, 0.0, angle)))
+        return replace(
+            still, measurement=replace(still.measurement, quaternion_base_in_world=quaternion)
+        )
+
+    stays, turns = ControlLoop(ROBOT), ControlLoop(ROBOT)
+    phases = [(FIRST_STAND_S + 0.1, PlanStatus.STAND), (0.1, PlanStatus.GO)]
+    for angle, (seconds, status) in zip((0.0, yaw), phases, strict=True):
+        for _ in ticks(seconds):
+            for loop, seen_yaw in ((stays, yaw), (turns, angle)):
+                loop.sense(seen(seen_yaw))
+                loop.act(joint_plan(status), 0.0)
+    assert stays.mode == turns.mode == ControllerMode.WALK
+    for t in ticks(0.1):
+        commands = []
+        for loop in (stays, turns):
+            loop.sense(seen(yaw))
+            commands.append(loop.act(bounding(t, loop), 0.0))
+    assert stays.mode == turns.mode == ControllerMode.RUN
+    for name in ("position", "velocity", "torque"):
+        pair = [getattr(command, name) for command in commands]
+        np.testing.assert_allclose(*pair, atol=1e-6)
 
 
 def test_bounds_forward_with_a_useful_estimate():
