@@ -64,25 +64,25 @@ class RestingPoses:
         rear legs are too short.
         """
         xp, slope = namespace(feet), self._slope(feet)
-        stand = self._stand_feet.like(feet) + 0.0 * slope[..., None]
+        stand = self._stand_feet.like(feet) + 0.0 * slope[..., None, None]
         x, y, z = stand[..., 0], stand[..., 1], stand[..., 2]
-        sloping = xp.stack([x, y, z + slope * x], axis=-1)
+        sloping = xp.stack([x, y, z + slope[..., None] * x], axis=-1)
         return self._angles(xp.stack(self._turned_back(sloping, 0.5 * xp.atan(slope)), axis=-1))
 
     def _slope(self, feet: Legs) -> Scalars:
-        """Slope of the ground between the front and the rear feet, shape (..., 1)."""
+        """Slope of the ground between the front and the rear feet, shape (...)."""
         xp = namespace(feet)
         pairs = xp.mean(xp.reshape(feet, (*feet.shape[:-2], 2, 2, 3)), axis=-2)
         ahead = pairs[..., 0, :] - pairs[..., 1, :]
         stand = self._stand_feet.like(feet)
         apart = float(stand[0, 0] - stand[2, 0])
         slope = ahead[..., 2] / xp.clip(ahead[..., 0], 0.5 * apart, None)
-        return xp.clip(slope, -STEEPEST, STEEPEST)[..., None]
+        return xp.clip(slope, -STEEPEST, STEEPEST)
 
     def _turned_back(self, feet: Legs, pitch: Scalars) -> tuple[Array, Array, Array]:
         """Coordinates of feet in the yaw frame in a base that is pitched up [m], (..., 4) each."""
         xp = namespace(feet)
-        cosine, sine = xp.cos(pitch), xp.sin(pitch)
+        cosine, sine = xp.cos(pitch)[..., None], xp.sin(pitch)[..., None]
         x, y, z = feet[..., 0], feet[..., 1], feet[..., 2]
         return cosine * x + sine * z, y, cosine * z - sine * x
 
