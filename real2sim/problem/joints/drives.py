@@ -7,7 +7,6 @@ present, so that they come in smoothly.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -210,28 +209,16 @@ class Drives:
 
     def _saturated(self, magnitude: Floats) -> Floats:
         """Torque [Nm] that saturation takes from a commanded one >= 0; a law and pieces add up."""
-        missing = np.zeros(magnitude.shape)
-        if self.torque_saturation is not None:
-            where, parts = self._saturating
-            missing[where] = lost(magnitude[where], *parts)
+        missing = (
+            np.zeros(())
+            if self.torque_saturation is None
+            else lost(magnitude, *self.torque_saturation)
+        )
         for slope, corner in self.kinks:
             missing = missing + slope * np.maximum(magnitude - corner, 0.0)
         return missing
 
     # What stays the same over a replay, of which each step takes its turn
-
-    @cached_property
-    def _saturating(self) -> tuple[Any, list[Floats]]:
-        """Where torque is lost, as an index, and the law's numbers there.
-
-        Those joints and sets alone where they are few; to gather most of them costs more than it
-        saves.
-        """
-        assert self.torque_saturation is not None  # noqa: S101 - who has none does not ask
-        loses = self.torque_saturation[0].any(axis=0)
-        few = 2 * np.count_nonzero(loses) < loses.size
-        where: Any = (..., *np.nonzero(loses)) if few else ...
-        return where, [part[where] for part in self.torque_saturation]
 
     @cached_property
     def _filter_weights(self) -> tuple[Floats, Floats, Floats]:
