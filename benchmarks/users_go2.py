@@ -1,11 +1,11 @@
-"""A Go2 by an MJCF of somebody else in place of ours: the policies that are shipped for the Go2 jump
-up its stairs and walk over its grounds.
+"""A Go2 by an MJCF of somebody else in place of ours: the policies that are shipped for the Go2
+jump up its stairs and walk over its grounds.
 
-The file is the user's: unitree_robots/go2/go2.xml of unitreerobotics/unitree_mujoco, unitree_go2/go2.xml
-of MuJoCo Menagerie, or another, with the meshes that it names. Its are masses, inertias, lengths,
+The file is the user's: unitree_robots/go2/go2.xml of unitreerobotics/unitree_mujoco,
+unitree_go2/go2.xml of MuJoCo Menagerie, or another, with the meshes that it names. Its are masses, inertias, lengths,
 limits and armature, damping and dry friction of its joints, softness and turning friction of its
-feet. Ours are the box of the trunk, rods for the links (`saltus robot show FILE`), the motors' torque
-over speed, the camera, and what each trial draws, sliding friction too.
+feet. Ours are the box of the trunk, rods for the links (`saltus robot show FILE`), the motors'
+torque over speed, the camera, and what each trial draws, sliding friction too.
 
     saltus bench users_go2 -- --mjcf unitree_mujoco/unitree_robots/go2/go2.xml --trials 100
 """
@@ -51,13 +51,13 @@ class Benchmark(Command):
     grounds: tuple[str, ...] = ("plain", "rubble", "stairs")
     """Grounds to walk over, see `saltus policy walk trials`; none by --grounds alone."""
     heights: Literal["true", "predicted"] = "predicted"
-    """predicted: the scan's network makes them of the D435i's images. true: the terrain as it is."""
+    """predicted: a network makes them of the D435i's images. true: the terrain as it is."""
     trials: int = 20
     """Trials of each row."""
     seed: int = 94_000
     """Seed of the first trial; the others have SEED + 1, SEED + 2, ..."""
     processes: Annotated[int | None, shown("INT", "one for each core")] = None
-    """How many share the trials."""
+    """Number of processes that share the trials."""
 
     def measure(self) -> dict[str, Any]:
         """Successes and causes of failure in each row."""

@@ -85,7 +85,7 @@ def recorded_run(
 
 
 def compared(recording: Recording, name: str, config: RunConfig | None = None) -> Comparison:
-    """What a process says when it is fed a recording again, beside what it said."""
+    """Answers of a process that is fed a recording again, beside those of the recording."""
     comparison = Comparison(recording, name)
     replay(name, recording, lambda answer: comparison.take(*answer), config=config)
     comparison.finish()

@@ -51,7 +51,7 @@ def put_policy(
 
 
 def bearing(joints: Floats, shares: Floats) -> Floats:
-    """Torques of the tests' robot, level, whose feet bear shares of its weight [Nm], shape (12,)."""
+    """Torques of the level test robot, whose feet bear shares of its weight [Nm], shape (12,)."""
     _, jacobian = KINEMATICS.position_and_jacobian(joints)
     force = shares[:, None] * ROBOT.mass * GRAVITY * np.array([0.0, 0.0, 1.0])
     return -(force[:, None, :] @ jacobian).reshape(12)

@@ -25,8 +25,9 @@ RISE_NS = 600_000_000
 """Time from the standing pose of the controller to that of the policy, which for a Go1 is 4 cm
 higher: trainings start there."""
 STOP_NS = (200_000_000, 1_200_000_000)
-"""Time for which the policy is asked to stand until the robot is slow, at least and at most. Asked for longer,
-on stairs, policies turn the trunk until it tips over: their pose is that of level ground."""
+"""Time for which the policy is asked to stand until the robot is slow, at least and at most. Asked
+for longer, on stairs, policies turn the trunk until it tips over: their pose is that of level
+ground."""
 UNDER_WAY = (ControllerMode.WALK, ControllerMode.COAST)
 """Modes in which the policy goes on: of a Go1 at 1.2 m/s whose plans were missing for 60 ms none of
 8 fell, and 7 when it began anew."""

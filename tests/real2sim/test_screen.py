@@ -51,7 +51,7 @@ def body() -> RunLog:
 def test_a_rate_is_judged_beside_the_steps_of_a_coarse_encoder(
     log: RunLog, step: float, factor: float
 ) -> None:
-    """Of a robot that hardly moves, whose readings have noise beside their steps."""
+    """A log of a robot that hardly moves, whose readings have noise beside their steps."""
     rng, joints = np.random.default_rng(1), log.joints
     q, dq = 0.05 * (joints.q - joints.q.mean(axis=0)), 0.05 * np.asarray(joints.dq)
     coarse = np.round(q / step) * step if step else q
