@@ -57,7 +57,7 @@ $(VENV)/.run-time: $(VENV)/.python pyproject.toml tools/libraries.sh
 
 $(VENV)/.development: $(VENV)/.run-time constraints.txt
 	@tools/libraries.sh tests
-	$(BIN)/pip install --constraint constraints.txt --editable ".[train,ray,dev]"
+	$(BIN)/pip install --constraint constraints.txt --editable ".[train,dev]"
 	@touch $@
 
 clean:

@@ -1,6 +1,4 @@
-"""Rounds of the closed loop, which robots on processors
-or on the hosts of a cluster add to a dataset.
-"""
+"""Rounds of the closed loop, which robots on processors add to a dataset."""
 
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
@@ -13,7 +11,6 @@ from saltus.heightmap.data.closed_loop import closed_loop_episodes
 from saltus.heightmap.data.collecting import Collection, collect_batches
 from saltus.heightmap.data.delivery import hardware_table
 from saltus.heightmap.data.episode import Episode
-from saltus.heightmap.data.ray_workers import in_order_on_ray
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.settings import ClosedLoop, ProcessorCollection
 from saltus.robots.loading import load_robot
@@ -29,7 +26,6 @@ def collect(
     done: Callable[[int], object],
     *,
     processes: int | None = None,
-    cluster: str | None = None,
     listener: Listener | None = None,
 ) -> Collection:
     """Adds a shard to a dataset.
@@ -42,7 +38,7 @@ def collect(
         settings.profile, settings.loop.robot, load_camera(settings.loop.camera)
     )
     made = closed_loop_batches(
-        settings.loop, settings.model, keys, settings.profile, processes, cluster, listener
+        settings.loop, settings.model, keys, settings.profile, processes, listener
     )
     with closing(made):
         return collect_batches(
@@ -56,18 +52,13 @@ def closed_loop_batches(
     keys: Sequence[Key],
     profile: str = SHIPPED,
     processes: int | None = None,
-    cluster: str | None = None,
     listener: Listener | None = None,
 ) -> Generator[list[Episode], None, None]:
-    """The batch of each key, in the order of the keys, from this machine or from a Ray cluster.
+    """The batch of each key, in the order of the keys.
 
     Batches follow from the keys alone, wherever they are made. Without a model robots go by true
-    heights; the listener is told of steps while batches are made, but not by a cluster.
+    heights; the listener is told of steps while batches are made.
     """
-    if cluster is not None:
-        return in_order_on_ray(
-            partial(closed_loop_episodes, loop, profile=profile), model, keys, cluster, processes
-        )
     return in_order(
         partial(closed_loop_episodes, loop, model, profile=profile), keys, processes, listener
     )

@@ -77,7 +77,6 @@ def dagger(
     start: Path | None = None,
     base: Path | None = None,
     processes: int | None = None,
-    cluster: str | None = None,
 ) -> Path:
     """Runs rounds until there are `config.rounds` of them, going on where it was interrupted.
 
@@ -88,9 +87,7 @@ def dagger(
         start: Checkpoint of the predictor to begin with. Without it round 0 uses true heights and
             trains from nothing.
         base: Dataset whose shards stand before the first round's, and are trained on as well.
-        processes: That collect, as `cluster`: see `closed_loop_batches`. The data do not depend on
-            them.
-        cluster: Address of a Ray cluster.
+        processes: How many collect. The data do not depend on it.
 
     Returns:
         The newest predictor's ONNX file.
@@ -99,7 +96,6 @@ def dagger(
         DatasetError: the folder holds a run of another configuration, or a dataset is missing or
             damaged.
         ModelError: `start` is no checkpoint.
-        ConfigError, StackError: the cluster cannot be used.
     """
     if start is not None:
         load_checkpoint(start)  # what is wrong is said before anything is written down
@@ -129,7 +125,6 @@ def dagger(
                     config.loop,
                     profile=config.profile,
                     processes=processes,
-                    cluster=cluster,
                 ),
             )
         folder = directory / f"round_{index:03d}"

@@ -21,7 +21,7 @@ from saltus.used_networks import model_path
 if TYPE_CHECKING:
     from saltus.robots.robot import Robot
 
-EXTRAS = ("train", "gpu", "ray", "watch")
+EXTRAS = ("train", "gpu", "watch")
 MESA = "install Debian's libosmesa6 (apt-get install libosmesa6)"
 PYRENDER = "install Debian's libosmesa6 and libxrender1 (apt-get install libosmesa6 libxrender1)"
 LIBRARIES = "install Debian's libgl1, libegl1, libx11-6, libusb-1.0-0, libidn2-0 and libgomp1"

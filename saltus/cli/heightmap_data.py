@@ -43,14 +43,11 @@ class WorkersOption:
 
     processes: Annotated[int | None, shown("INT", "one for each core")] = None
     """Number of processes that collect. The data do not depend on it."""
-    ray: Annotated[str | None, shown("STR", "none: this computer's cores")] = None
-    """Collect on a Ray cluster: its address, e.g. 10.0.0.1:6379, or "local" for one of this
-    machine's cores."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class OnProcessors(WorkersOption, SettingsCommand):
-    """Episodes of both planners in MuJoCo on this computer's processors, or on a Ray cluster.
+    """Episodes of both planners in MuJoCo on this computer's processors.
 
     The settings can also stand in a TOML file (--config), those of the loop as loop.hardest = 0.5.
     A flag wins over it.
@@ -83,14 +80,12 @@ class OnProcessors(WorkersOption, SettingsCommand):
 
             def done(steps: int) -> None:
                 progress.bar.set_postfix(steps=steps)
-                progress.tick(0 if self.ray is None else self.settings.loop.ticks)
 
             found = collect(
                 self.settings,
                 self.out,
                 done,
                 processes=self.processes,
-                cluster=self.ray,
                 listener=progress.tick,
             )
         return _tell([self.out], found)
@@ -254,7 +249,7 @@ class Dagger(WorkersOption, SettingsCommand):
             model = dagger(
                 self.out, self.settings, Observer(collected=collected, trained=trained),
                 start=self.start,
-                base=self.base, processes=self.processes, cluster=self.ray,
+                base=self.base, processes=self.processes,
             )  # fmt: skip
         print(model)
         return 0
