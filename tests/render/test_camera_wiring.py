@@ -1,7 +1,9 @@
 """The camera process on a bus."""
 
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,8 +12,10 @@ from stage import Stage
 
 from saltus.config import Pace, RunConfig, TerrainConfig
 from saltus.depth_camera import SHIPPED
-from saltus.render.__main__ import body
-from saltus.wire.messages import DepthFrame, Done
+from saltus.render.__main__ import body, build, warmed
+from saltus.render.exposure import PerfectExposure
+from saltus.render.stereo_exposure import StereoExposure
+from saltus.wire.messages import DepthFrame, Done, GroundTruth
 
 
 class CameraStage(Stage):
@@ -66,6 +70,34 @@ def test_images_of_a_seed_are_late_alike_whatever_the_errors_of_the_camera(tmp_p
             arrived.append([answered(stage, step)[0].frame_id for step in range(60)])
     assert len(set(arrived[0])) > 20
     assert arrived[0] == arrived[1]
+
+
+@pytest.mark.parametrize("camera", SHIPPED)
+def test_the_image_that_warms_a_camera_up_leaves_no_trace(
+    tmp_path: Path, camera: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[str] = []
+    for kind in (PerfectExposure, StereoExposure):
+        monkeypatch.setattr(kind, "expose", _noting(kind.expose, seen))
+    with CameraStage("lockstep", tmp_path, camera) as stage:
+        cold, warm = build(stage.context), warmed(stage.context)
+        assert len(seen) == 1  # nobody's, before the first of the run
+        for step in range(30):
+            truth = level_truth(step, 0.01 * step, 0.3)
+            one, other = (each.step(truth, truth.time_ns) for each in (cold, warm))
+            assert (one is None) == (other is None)
+            if one is not None and other is not None:
+                assert (one.time_ns, one.frame_id) == (other.time_ns, other.frame_id)
+                np.testing.assert_array_equal(one.depth, other.depth)
+        assert cold.due is not None
+
+
+def _noting(expose: Callable[..., Any], seen: list[str]) -> Callable[..., Any]:
+    def noted(own: object, truth: GroundTruth) -> Any:
+        seen.append(type(own).__name__)
+        return expose(own, truth)
+
+    return noted
 
 
 @pytest.mark.parametrize("steps", [40])
