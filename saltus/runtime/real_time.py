@@ -72,16 +72,20 @@ class RealTimeMonitor:
         self._clock = clock
         self._robot = robot
         self._settled_ns: int | None = None
-        self._told_ns: dict[str, int] = {}
+        self._told: dict[str, tuple[int, int]] = {}
         self._periods: dict[tuple[str, str], list[_Period]] = {}
 
-    def take(self, status: ProcessStatus) -> None:
-        """Takes in what a process says of itself."""
+    def take(self, status: ProcessStatus, sequence: int) -> None:
+        """Takes in what a process says of itself, and its number among what it has said.
+
+        A status counts what came since the one before. Where that one was lost on its way here,
+        nobody knows what the process received in the time of both.
+        """
         if self._settled_ns is None and status.process == self._robot:
             self._settled_ns = status.time_ns + self._run_ns(SETTLE_S)
-        before_ns = self._told_ns.get(status.process)
-        self._told_ns[status.process] = status.time_ns
-        if self._settled_ns is None or before_ns is None or before_ns < self._settled_ns:
+        before_ns, before = self._told.get(status.process, (-1, -1))
+        self._told[status.process] = status.time_ns, sequence
+        if self._settled_ns is None or before_ns < self._settled_ns or sequence != before + 1:
             return
         length_s = 1e-9 * (status.time_ns - before_ns)
         for topic, received in status.received.items():

@@ -33,6 +33,7 @@ from saltus.runtime.run_folder import CLIENT_FILE, write_run
 from saltus.runtime.run_recorder import RunRecorder
 from saltus.tuning import kept_small, preferred
 from saltus.wire.bus import Latest, Publisher, RawSample, Stream, sender_of, unpack
+from saltus.wire.codec import Envelope
 from saltus.wire.joining import write_client
 from saltus.wire.messages import OPERATOR, SUPERVISOR, Event, Message, ProcessStatus
 from saltus.wire.router import NetworkAccess, open_router
@@ -333,19 +334,19 @@ class Stack:
             self._note_status(child, raw, arrival_s)
 
     def _note_status(self, child: Child, raw: RawSample, arrival_s: float) -> None:
-        status = _said("status", raw)
-        if not isinstance(status, ProcessStatus):
+        envelope, status = _said("status", raw)
+        if envelope is None or not isinstance(status, ProcessStatus):
             return
         if not child.ready:
             self._event("process_ready", f"{child.name}: after {arrival_s - child.started_s:.2f} s")
         child.alive_s = arrival_s
         if not self._clock.lockstep:
-            self._monitor.take(status)
+            self._monitor.take(status, envelope.sequence)
         self.rejected[child.name] = status.rejected
         self.overruns[child.name] = status.overruns
 
     def _obey(self, raw: RawSample) -> None:
-        event = _said("event", raw) if raw.key == f"event/{OPERATOR}" else None
+        event = _said("event", raw)[1] if raw.key == f"event/{OPERATOR}" else None
         if isinstance(event, Event) and event.code == "stop":
             for child in self._children.values():
                 if not child.program.restart:
@@ -385,9 +386,9 @@ class Stack:
             child.kill()
 
 
-def _said(topic: str, raw: RawSample) -> Message | None:
-    """The message of a sample; None where it is malformed, which the recorder counts."""
+def _said(topic: str, raw: RawSample) -> tuple[Envelope, Message] | tuple[None, None]:
+    """A sample as it was sent; None where it is malformed, which the recorder counts."""
     try:
-        return unpack(TOPICS[topic], raw)[1]
+        return unpack(TOPICS[topic], raw)
     except MessageError:
-        return None
+        return None, None

@@ -2,8 +2,10 @@
 and advises a speed that helps.
 """
 
+import itertools
 import pickle
 import time
+from collections import defaultdict
 from dataclasses import replace
 
 import pytest
@@ -31,23 +33,44 @@ def status(process: str, time_s: float, **received: tuple[int, float]) -> Proces
     )
 
 
+class Numbered:
+    """Statuses of a monitor, numbered process by process as their senders do;
+    some are lost on their way.
+    """
+
+    def __init__(self, monitor: RealTimeMonitor) -> None:
+        self._monitor = monitor
+        self._numbers: defaultdict[str, itertools.count[int]] = defaultdict(itertools.count)
+
+    def take(self, told: ProcessStatus, *, lost: bool = False) -> None:
+        number = next(self._numbers[told.process])
+        if not lost:
+            self._monitor.take(told, number)
+
+
 def verdict_of(
-    share: float, late_s: float, speed: float, seconds: float = 2.9
+    share: float,
+    late_s: float,
+    speed: float,
+    seconds: float = 2.9,
+    lost: frozenset[int] = frozenset(),
 ) -> RealTimeFactor | None:
     """What is said that long after the robot's first word,
-    where one stream brings `share` and the other keeps up.
+    where one stream brings `share` and the other keeps up; `lost` are statuses of the former.
     """
     now_ns = time.monotonic_ns()
     clock = RunClock(now_ns - round(1e9 * seconds), speed=speed)
     monitor = RealTimeMonitor(clock, robot="controller")
-    monitor.take(status("controller", 0.0))
+    numbered = Numbered(monitor)
+    numbered.take(status("controller", 0.0))
     for k in range(int(seconds / PERIOD_S) + 1):
         length_s = PERIOD_S * speed
         asked = TOPICS["policy/plan"].rate_hz * length_s
-        monitor.take(
-            status("controller", k * length_s, policy_plan=(round(share * asked), 0.01 + late_s))
+        numbered.take(
+            status("controller", k * length_s, policy_plan=(round(share * asked), 0.01 + late_s)),
+            lost=k in lost,
         )
-        monitor.take(status("policy", k * length_s, controller_state=(round(asked), 0.01)))
+        numbered.take(status("policy", k * length_s, controller_state=(round(asked), 0.01)))
     return monitor.verdict()
 
 
@@ -56,10 +79,11 @@ def test_what_a_trial_draws_is_not_held_against_the_computer() -> None:
     clock = RunClock(time.monotonic_ns() - 2_900_000_000)
     for beyond_s, late_s in ((0.010, 0.0), (0.015, 0.005)):
         monitor = RealTimeMonitor(clock, robot="controller")
-        monitor.take(status("controller", 0.0))
+        numbered = Numbered(monitor)
+        numbered.take(status("controller", 0.0))
         for k in range(6):
             asked = round(TOPICS["camera/depth"].rate_hz * PERIOD_S)
-            monitor.take(status("heightmap", k * PERIOD_S, camera_depth=(asked, 0.020 + beyond_s)))
+            numbered.take(status("heightmap", k * PERIOD_S, camera_depth=(asked, 0.020 + beyond_s)))
         factor = monitor.verdict()
         assert factor is not None
         assert factor.late_s == pytest.approx(late_s, abs=1e-6)
@@ -95,6 +119,21 @@ def test_what_keeps_up_stays_and_what_does_not_is_to_run_slower(
         assert factor.speed == speed
 
 
+@given(lost=st.frozensets(st.integers(1, 5), max_size=5), share=st.floats(0.05, 0.95))
+def test_a_status_that_is_lost_says_nothing_of_what_its_process_received(
+    lost: frozenset[int], share: float
+) -> None:
+    factor, whole = verdict_of(share, 0.0, 1.0, lost=lost), verdict_of(share, 0.0, 1.0)
+    assert factor is not None
+    assert whole is not None
+    seen = set(range(2, 6)) - lost - {k + 1 for k in lost}
+    if seen:
+        assert (factor.share, factor.kept, factor.stream) == (whole.share, whole.kept, whole.stream)
+    else:
+        assert factor.kept
+        assert factor.stream == "controller/state to policy"
+
+
 @given(share=st.floats(0.05, 1.0), late_s=st.floats(0.06, 1.0))
 def test_a_worse_computer_is_never_told_a_higher_speed(share: float, late_s: float) -> None:
     better, worse = verdict_of(share, late_s, 1.0), verdict_of(0.8 * share, 1.5 * late_s, 1.0)
@@ -107,7 +146,7 @@ def test_what_was_told_long_ago_is_forgotten_also_where_nobody_asks() -> None:
     monitor = RealTimeMonitor(RunClock(), robot="controller")
     sizes = []
     for k in range(1000):
-        monitor.take(status("controller", k * PERIOD_S, policy_plan=(50, 0.01)))
+        monitor.take(status("controller", k * PERIOD_S, policy_plan=(50, 0.01)), k)
         sizes.append(len(pickle.dumps(monitor)))
     assert max(sizes[500:]) <= max(sizes[:50]) + 16  # numbers grow
 
@@ -115,5 +154,5 @@ def test_what_was_told_long_ago_is_forgotten_also_where_nobody_asks() -> None:
 def test_a_run_that_has_not_begun_is_not_judged() -> None:
     clock = RunClock(time.monotonic_ns() - 10**10)
     monitor = RealTimeMonitor(clock, robot="controller")
-    monitor.take(replace(status("policy", 9.0), ready=True))
+    monitor.take(replace(status("policy", 9.0), ready=True), 1)
     assert monitor.verdict() is None
