@@ -118,6 +118,8 @@ class LearningConfig:
     """The same from iteration `entropy_iterations` on; between them it falls geometrically."""
     entropy_iterations: int = 1500
     """Iterations until `last_entropy` and `last_kl`."""
+    critic_iterations: int = 0
+    """First iterations, in which only the critic learns."""
 
     def __post_init__(self) -> None:
         count, above, share = (1, 10**6), (SMALLEST, LARGEST), (0.0, 1.0)
@@ -128,6 +130,7 @@ class LearningConfig:
             epochs=count,
             minibatches=count,
             entropy_iterations=count,
+            critic_iterations=(0, count[1]),
         )
         check_between(
             self,

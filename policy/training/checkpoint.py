@@ -8,14 +8,22 @@ import torch
 from torch import nn
 
 from saltus.config import from_toml
-from saltus.errors import ConfigError, SaltusError
+from saltus.errors import ConfigError, ModelError, SaltusError
 from saltus.files import atomic_write, check_archive
+from saltus.model_file import ModelFile
+from saltus.onnx_export import weights_of
 from saltus.policy.env.settings import TrainConfig
 
 if TYPE_CHECKING:
     from rsl_rl.models import MLPModel
 
 Config = TypeVar("Config")
+
+NETWORK = "network."
+"""Begins the names of an exported actor's weights in its file."""
+_MEAN, _STD, _VARIANCE, _COUNT = (
+    f"obs_normalizer.{name}" for name in ("_mean", "_std", "_var", "count")
+)
 
 NEEDED = {
     "actor_state_dict", "critic_state_dict", "optimizer_state_dict", "kind", "level",
@@ -80,3 +88,31 @@ def deployed_network(actor: "MLPModel", checkpoint: Mapping[str, Any]) -> nn.Mod
         ) from error
     network: nn.Module = actor.as_onnx(verbose=False).eval()
     return network
+
+
+def exported_actor(actor: "MLPModel", file: ModelFile) -> dict[str, torch.Tensor]:
+    """State of an actor from the ONNX file of its `deployed_network`: weights, normalisation and
+    how many observations that counts; the standard deviations, which no file has, of `actor`.
+
+    Raises:
+        ModelError: the file holds another network.
+    """
+    known, values = actor.state_dict(), weights_of(file)
+    named = {
+        name.removeprefix(NETWORK): value
+        for name, value in values.items()
+        if name.startswith(NETWORK)
+    }
+    divisors = [value for name, value in values.items() if not name.startswith(NETWORK)]
+    needed = {_MEAN, *(name for name in known if name.startswith("mlp."))}
+    if (
+        not needed <= named.keys()
+        or len(divisors) != 1
+        or any(named[name].shape != known[name].shape for name in needed)
+    ):
+        raise ModelError(
+            f"{file.path} holds another network than this program exports: name its checkpoint"
+        )
+    std = divisors[0] - actor.obs_normalizer.eps
+    count = torch.tensor(int(file.field("steps")))
+    return known | named | {_STD: std, _VARIANCE: std.square(), _COUNT: count}

@@ -63,7 +63,7 @@ class Train(TrainingCommand):
         load_profile(self.training.env.profile, load_robot(self.training.robot))
         for kind in self.training.env.curriculum.own:
             find_family(kind)  # before there is a folder
-        start, folder = self.check(), self.new_folder()
+        basis, folder = self.check(), self.new_folder()
         if (
             os.environ.get("RANK", "0") != "0"
         ):  # one of several that learn together: the first one writes
@@ -72,7 +72,7 @@ class Train(TrainingCommand):
         self.check_folder(folder)
         self._train(
             folder,
-            _note(start, self.training, "the resumed training" if self.resume else "the defaults"),
+            _note(basis, self.training, "the resumed training" if self.resume else "the defaults"),
         )
         print(folder / CHECKPOINT)  # noqa: T201
         return 0
@@ -89,6 +89,7 @@ class Train(TrainingCommand):
                 minutes=self.minutes,
                 rank=rank,
                 resume=self.resume,
+                start=self.start,
                 iterations=self.iterations,
                 evaluate_minutes=given if self.evaluate_minutes is None else self.evaluate_minutes,
                 code=self.commit,
@@ -104,8 +105,8 @@ class Train(TrainingCommand):
             raise
 
 
-def _note(start: TrainConfig, now: TrainConfig, what: str) -> str:
+def _note(basis: TrainConfig, now: TrainConfig, what: str) -> str:
     found = [
-        f"{d.name} = {d.now} (there {d.before})" for d in differences(asdict(start), asdict(now))
+        f"{d.name} = {d.now} (there {d.before})" for d in differences(asdict(basis), asdict(now))
     ]
     return f"differs from {what}: {', '.join(found)}" if found else f"as {what}"

@@ -13,18 +13,21 @@ from torch import Tensor, nn
 from saltus.errors import ModelError
 from saltus.grid import HeightGrid, grid_metadata, load_grid
 from saltus.model_file import ModelFile
-from saltus.onnx_export import round_to_half, weights_of, write_onnx
+from saltus.onnx_export import round_to_half, write_onnx
 from saltus.policy.actor import FORMAT, PolicyActor
 from saltus.policy.bounds import ACTIONS, ActionBounds
 from saltus.policy.env.settings import TrainConfig
 from saltus.policy.features import layout, size_with
-from saltus.policy.training.checkpoint import config_of, deployed_network, read_checkpoint
+from saltus.policy.training.checkpoint import (
+    NETWORK,
+    config_of,
+    deployed_network,
+    exported_actor,
+    read_checkpoint,
+)
 from saltus.policy.training.learner import make_actor
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
-
-_NETWORK = "network."
-_MEAN, _STD, _VARIANCE = (f"obs_normalizer._{name}" for name in ("mean", "std", "var"))
 
 
 class DeployedPolicy(nn.Module):
@@ -75,7 +78,7 @@ def export(checkpoint: Path, path: Path) -> float:
         inputs=("features",),
         outputs=("plan",),
         metadata=metadata(policy, state),
-        half_prefixes=(f"{_NETWORK}mlp.",),
+        half_prefixes=(f"{NETWORK}mlp.",),
     )
     return parity(policy, path)
 
@@ -93,24 +96,7 @@ def read_policy(path: Path) -> dict[str, object]:
     if file.field("format") != FORMAT:
         raise ModelError(f"{path} is no motion policy")
     state = {"config": str(file.field("config"))}
-    actor = _actor(config_of(state))
-    values = weights_of(file)
-    named = {
-        name.removeprefix(_NETWORK): value
-        for name, value in values.items()
-        if name.startswith(_NETWORK)
-    }
-    divisors = [value for name, value in values.items() if not name.startswith(_NETWORK)]
-    known = actor.state_dict()
-    if (
-        not {_MEAN, *(name for name in known if name.startswith("mlp."))} <= set(named)
-        or len(divisors) != 1
-    ):
-        raise ModelError(
-            f"{path} holds another network than this program exports: name its checkpoint"
-        )
-    std = divisors[0] - actor.obs_normalizer.eps
-    return state | {"actor_state_dict": known | named | {_STD: std, _VARIANCE: std.square()}}
+    return state | {"actor_state_dict": exported_actor(_actor(config_of(state)), file)}
 
 
 def _actor(config: TrainConfig) -> MLPModel:

@@ -12,16 +12,25 @@ from rsl_rl.storage import RolloutStorage
 from tensordict import TensorDict
 
 from saltus.errors import SaltusError
+from saltus.model_file import ModelFile
 from saltus.policy.bounds import ACTIONS, ActionBounds
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import LearningConfig
 from saltus.policy.env.training_env import TrainingEnv, Transition
-from saltus.policy.training.checkpoint import config_of, read_checkpoint, write_checkpoint
+from saltus.policy.training.checkpoint import (
+    config_of,
+    exported_actor,
+    read_checkpoint,
+    write_checkpoint,
+)
 
 FIRST_ACTION = (2.0, 1.0, 0.3, 0.0, 0.0, 0.0, 0.12, 0.0, 0.0, 0.12)
 """Action of an untrained policy: a slow bound that lifts its feet. From the middle of the ranges,
 standing would have to be unlearnt first."""
 _LIFTS = [ACTIONS.index("front_residual_z"), ACTIONS.index("rear_residual_z")]
+FIRST_RATE = 1e-5
+"""Learning rate with which an actor begins beside a critic that has learned; PPO adapts it from
+there, its lowest. Adam's first steps move each weight by the whole rate, whatever the gradient."""
 GROUPS = {"actor": ["policy"], "critic": ["privileged"]}
 """Which parts of an observation each network reads."""
 
@@ -101,6 +110,9 @@ class Learner:
         config = self._config
         self.ppo.entropy_coef = self._settled(config.first_entropy, config.last_entropy)
         self.ppo.desired_kl = self._settled(config.desired_kl, config.last_kl)
+        self.ppo.actor.requires_grad_(self.iteration >= config.critic_iterations)
+        if 0 < self.iteration == config.critic_iterations:
+            self.ppo.learning_rate = FIRST_RATE
         losses = self.ppo.update()
         self.iteration += 1
         # The statistics of the observations differ from process to process
@@ -125,6 +137,23 @@ class Learner:
             "level": self._env.memory.level.to(torch.uint8).cpu(),
         }
         write_checkpoint(path, state)
+
+    def begin_with(self, file: ModelFile, levels: int) -> None:
+        """Takes the actor of an exported policy, and the steps that it has learned from.
+
+        Critic and standard deviations stay new. Robots begin on any of so many levels: who can do
+        the first ones need not climb them.
+
+        Raises:
+            ModelError: the file holds a network of another size.
+        """
+        self.ppo.actor.load_state_dict(exported_actor(self.ppo.actor, file))
+        self.steps = int(file.field("steps"))
+        self._env.grow(float(self.steps))
+        level = torch.randint(levels, (self._env.count,), device=self._env.device)
+        self._env.set_levels(level.float())
+        self._observation = observation_of(self._env.transition())
+        self._share_parameters()
 
     def load(self, path: Path) -> dict[str, Any]:
         """Continues from a file that `save` wrote, with any number of robots.
@@ -171,11 +200,19 @@ class JumpLearner(Learner):
     def load(self, path: Path) -> dict[str, Any]:
         """The same from a file that was saved with any bounds."""
         state = super().load(path)
+        self._rebase(state)
+        return state
+
+    def begin_with(self, file: ModelFile, levels: int) -> None:
+        """The same from a file that was exported with any bounds."""
+        super().begin_with(file, levels)
+        self._rebase({"config": file.field("config")})
+
+    def _rebase(self, state: dict[str, Any]) -> None:
         old = config_of(state).env.bounds
         if old != self._bounds:
             rebase(self.ppo.actor, old, self._bounds)
             self._share_parameters()
-        return state
 
 
 def make_actor(observation: TensorDict, config: LearningConfig, bounds: ActionBounds) -> MLPModel:

@@ -19,6 +19,7 @@ from tqdm import tqdm
 from saltus.effects.profile import load_profile
 from saltus.gpu import has_gpu
 from saltus.grid import load_grid
+from saltus.model_file import ModelFile
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import EnvConfig, TrainConfig
 from saltus.policy.training.learner import JumpLearner, Learner
@@ -63,6 +64,7 @@ def train(
     minutes: float,
     rank: Rank,
     resume: Path | None = None,
+    start: Path | None = None,
     iterations: int | None = None,
     evaluate_minutes: float = 0.0,
     code: str | None = None,
@@ -79,6 +81,7 @@ def train(
         minutes: From the call of this function, with compilation.
         rank: Of this process.
         resume: Checkpoint to go on from.
+        start: ONNX file of a policy to begin with.
         iterations: Where to stop before the time is over; counted from the very first.
         evaluate_minutes: Time between evaluations with the deployed stack, which run beside the
             training; 0 for none.
@@ -89,7 +92,7 @@ def train(
         KeyboardInterrupt: it was interrupted; what was learned is saved.
         SaltusError: a checkpoint cannot be read or written.
     """
-    start = time.monotonic()
+    began = time.monotonic()
     torch.manual_seed(config.seed + 1000 * rank.rank)
     engine = make_engine(load_robot(config.robot), config.robots, config.env, rank.device)
     env = JumpEnv(
@@ -101,17 +104,19 @@ def train(
     )
     learner = JumpLearner(env, config.learning, (rank.rank, rank.world))
     before_s = float(learner.load(resume)["seconds"]) if resume else 0.0
+    if start:
+        learner.begin_with(ModelFile(start), config.env.curriculum.levels)
     shares, record = config.env.curriculum.shares, None
     if rank.rank == 0:
         record = TrainingRecord(
             folder, config, learner, lambda: JumpTally(folder, env, learner),
-            commit=code or commit(), start_s=start - before_s, evaluate_s=60.0 * evaluate_minutes,
+            commit=code or commit(), start_s=began - before_s, evaluate_s=60.0 * evaluate_minutes,
             kinds=[kind for kind, share in shares.items() if share > 0.0], say=say, resumed=resume,
         )  # fmt: skip
         if note:
             record.say(note)
-    ready = f"ready after {time.monotonic() - start:.0f} s: {env.count} robots on {rank.device}"
-    learn(learner, record, paced(learner, start, minutes, iterations, rank), ready)
+    ready = f"ready after {time.monotonic() - began:.0f} s: {env.count} robots on {rank.device}"
+    learn(learner, record, paced(learner, began, minutes, iterations, rank), ready)
 
 
 def learn(

@@ -23,6 +23,7 @@ class Train(TrainingCommand):
 
     For example:
       saltus policy walk train --minutes 40
+      saltus policy walk train --start models/walk_go1.onnx --minutes 10
       saltus policy walk train --resume runs/DATE-policy-walk/checkpoint.pt
     """
 
@@ -55,6 +56,7 @@ class Train(TrainingCommand):
             minutes=self.minutes,
             rank=device_of_this_process(self.device),
             resume=self.resume,
+            start=self.start,
             iterations=self.iterations,
             code=self.commit,
         )

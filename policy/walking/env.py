@@ -327,7 +327,9 @@ class WalkEnv(TrainingEnv):
         phase, arrived = self._scan_errors.arrives(memory.phase)
         late = torch.where(fresh[:, None], pose, memory.pose)
         store(memory, fresh | arrived, image_pose=late)
-        error = self._scan_errors.changed(memory.error, fresh, drawn.error)
+        moved = fresh | self._scan_errors.moved(pose, memory.error_pose)
+        error = self._scan_errors.changed(memory.error, fresh, moved, drawn.error)
+        store(memory, moved, error_pose=pose)
         store(memory, command=command, phase=phase, pose=pose, error=error)
         told = self._scan_errors.observed(self._heights(memory.image_pose), error, memory.shift)
         if self.config.blind:

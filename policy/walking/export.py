@@ -11,7 +11,12 @@ from torch import Tensor, nn
 from saltus.onnx_export import write_onnx
 from saltus.policy.env.settings import LearningConfig
 from saltus.policy.joints.policy import FIELD
-from saltus.policy.training.checkpoint import config_of, deployed_network, read_checkpoint
+from saltus.policy.training.checkpoint import (
+    NETWORK,
+    config_of,
+    deployed_network,
+    read_checkpoint,
+)
 from saltus.policy.training.learner import GROUPS
 from saltus.policy.walking.description import SIZE, description_of
 from saltus.policy.walking.settings import WalkTrainConfig
@@ -68,7 +73,7 @@ def export(checkpoint: Path, path: Path) -> None:
         inputs=("observation",),
         outputs=("action",),
         metadata=metadata(policy.config, state),
-        half_prefixes=("network.",),
+        half_prefixes=(NETWORK,),
     )
 
 

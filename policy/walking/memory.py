@@ -44,6 +44,7 @@ class WalkMemory:
     pose: Tensor  # (4,): x, y, z, yaw of the base at the last step
     image_pose: Tensor  # (4,): the same at the last image
     error: Tensor  # (187,)
+    error_pose: Tensor  # (4,): of the base when errors changed
     shift: Tensor
     # the ground: boxes, the nearest
     center: Tensor  # (boxes, 3)
@@ -69,6 +70,7 @@ _ROWS: dict[str, tuple[int, ...]] = {
     "command": (3,),
     "pose": (4,),
     "image_pose": (4,),
+    "error_pose": (4,),
     "error": (SCAN.size,),
     "com_shift": (3,),
 }

@@ -1,7 +1,8 @@
 """Heights with the errors of the scan: held between images, late, wrong where unseen.
 
-The error of a point lasts: it is a uniform number that changes at random, on average every
-`ScanConfig.change_s`, times the spread of points that were seen, or of those that were not.
+The error of a point lasts: it is a uniform number, times the spread of points that were seen, or
+of those that were not. It changes at random where the robot has moved, on average every
+`ScanConfig.change_m`: who stands goes on seeing what it saw.
 """
 
 import math
@@ -12,6 +13,8 @@ from saltus.policy.walking.description import POLICY_HZ
 from saltus.policy.walking.settings import ScanConfig
 
 _WIDTH = math.sqrt(3.0)  # half width of a uniform law by its standard deviation
+_STEP_M = 0.05  # way after which some errors change, half the scan's spacing: swaying is no way
+_LEVER_M = 0.54  # mean distance of the scan's points: their way where it turns by 1 rad
 
 
 class ScanErrors:
@@ -28,17 +31,31 @@ class ScanErrors:
         later = phase + self.config.image_hz / POLICY_HZ
         return later - xp.floor(later), later >= 1.0
 
-    def changed(self, error: Points, fresh: Array, draws: Points) -> Points:
-        """Numbers in [-1, 1] one policy step later: some of them, or all of who begins, are new.
+    def moved(self, pose: Array, before: Array) -> Array:
+        """Robots that have moved since their errors changed, bool, shape (n,).
+
+        Args:
+            pose: x, y, z, yaw of the bases [m, rad], shape (n, 4).
+            before: The same when they changed.
+        """
+        way = pose - before
+        square = way[:, 0] ** 2 + way[:, 1] ** 2 + (_LEVER_M * way[:, 3]) ** 2
+        return square > _STEP_M**2
+
+    def changed(self, error: Points, fresh: Array, moved: Array, draws: Points) -> Points:
+        """Numbers in [-1, 1] one policy step later: some of who has moved,
+        and all of who begins, are new.
 
         Args:
             error: Before it, shape (n, 187).
             fresh: Who begins, bool, shape (n,).
+            moved: Of `moved`, bool, shape (n,).
             draws: Uniform in [0, 1), shape (n, 187).
         """
-        xp, share = namespace(error), 1.0 / (POLICY_HZ * self.config.change_s)
+        xp, share = namespace(error), min(1.0, _STEP_M / self.config.change_m)
         all_new, some_new = 2.0 * draws - 1.0, 2.0 * draws / share - 1.0
-        return xp.where(fresh[:, None], all_new, xp.where(draws < share, some_new, error))
+        new = moved[:, None] & (draws < share)
+        return xp.where(fresh[:, None], all_new, xp.where(new, some_new, error))
 
     def observed(self, heights: Points, error: Points, shift: Scalars) -> Points:
         """Heights with errors [m], shape (n, 187).

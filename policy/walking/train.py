@@ -5,6 +5,7 @@ from pathlib import Path
 
 import torch
 
+from saltus.model_file import ModelFile
 from saltus.policy.training.learner import Learner
 from saltus.policy.training.train import Rank, learn, paced, say
 from saltus.policy.training.training_record import TrainingRecord
@@ -40,6 +41,7 @@ def train(
     minutes: float,
     rank: Rank,
     resume: Path | None = None,
+    start: Path | None = None,
     iterations: int | None = None,
     code: str | None = None,
 ) -> None:
@@ -53,6 +55,7 @@ def train(
         minutes: From the call of this function, with compilation.
         rank: Of this process.
         resume: Checkpoint to go on from.
+        start: ONNX file of a policy to begin with.
         iterations: Where to stop before the time is over; counted from the very first.
         code: Which code trains, where this machine cannot tell.
 
@@ -60,16 +63,18 @@ def train(
         KeyboardInterrupt: it was interrupted; what was learned is saved.
         SaltusError: a checkpoint cannot be read or written.
     """
-    start = time.monotonic()
+    began = time.monotonic()
     torch.manual_seed(config.seed)
     engine = make_engine(load_robot(config.robot), config, rank.device)
     env = WalkEnv(engine, config.env, seed=config.seed, device=rank.device)
     learner = Learner(env, config.learning, make_actor(config.learning).to(rank.device))
     before_s = float(learner.load(resume)["seconds"]) if resume else 0.0
+    if start:
+        learner.begin_with(ModelFile(start), config.env.ground.levels)
     record = TrainingRecord(
         folder, config, learner, lambda: WalkTally(folder, env, learner), commit=code or commit(),
-        start_s=start - before_s, say=say, resumed=resume, save_s=SAVE_S,
+        start_s=began - before_s, say=say, resumed=resume, save_s=SAVE_S,
         saved=lambda checkpoint: export(checkpoint, folder / MODEL),
     )  # fmt: skip
-    ready = f"ready after {time.monotonic() - start:.0f} s: {env.count} robots on {rank.device}"
-    learn(learner, record, paced(learner, start, minutes, iterations, rank), ready)
+    ready = f"ready after {time.monotonic() - began:.0f} s: {env.count} robots on {rank.device}"
+    learn(learner, record, paced(learner, began, minutes, iterations, rank), ready)

@@ -10,18 +10,31 @@ from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import tomli_w
 import torch
+from tensordict import TensorDict
 
 from saltus.cli.main import main
 from saltus.cli.policy_train import Train, parse
 from saltus.config import to_toml
 from saltus.errors import SaltusError
 from saltus.folders import differences
+from saltus.grid import LINE
+from saltus.model_file import ModelFile
+from saltus.policy.actor import PolicyActor
+from saltus.policy.bounds import ActionBounds
+from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import LearningConfig, TrainConfig, for_cpu
+from saltus.policy.features import size_with
 from saltus.policy.tables import read_table
-from saltus.policy.training.checkpoint import NEEDED, read_checkpoint
+from saltus.policy.training.checkpoint import NEEDED, config_of, read_checkpoint
+from saltus.policy.training.learner import JumpLearner
+from saltus.policy.training.train import make_engine
+from saltus.policy.training.training_command import STARTED
+from saltus.resources import resource
+from saltus.robots.loading import load_robot
 
 TINY = ("--device", "cpu", "--robots", "8", "--learning.hidden", "8", "--learning.horizon", "2")
 RESUMED = replace(
@@ -283,3 +296,42 @@ def test_networks_of_another_size_do_not_go_on(resumed: Path, tmp_path: Path) ->
 def test_the_shipped_checkpoint_still_loads() -> None:
     path = Path(__file__).parents[2] / "models/checkpoints/policy.pt"
     assert parse(["--resume", str(path)]).training.learning.desired_kl == 0.01
+
+
+def test_a_jumping_training_that_starts_from_a_file_plans_as_the_file_within_any_bounds() -> None:
+    path = resource("models/policy_go2.onnx")
+    file = ModelFile(path)
+    policy = PolicyActor(load_robot("go2"), LINE, path)
+    trained_with = config_of({"config": file.field("config")})
+    bounds = trained_with.env.bounds
+    wider = ActionBounds(
+        low=tuple(1.2 * low - 0.1 for low in bounds.low),
+        high=tuple(1.1 * high + 0.2 for high in bounds.high),
+    )
+    size = size_with(LINE, trained_with.env.past_steps)
+    given = np.random.default_rng(3).normal(size=(50, size)).astype(np.float32)
+    for new in (bounds, wider):
+        config = replace(trained_with, robots=8, env=replace(trained_with.env, bounds=new))
+        env = JumpEnv(
+            make_engine(load_robot("go2"), 8, config.env, "cpu"), config.env, LINE, seed=0
+        )
+        learner = JumpLearner(env, config.learning)
+        learner.begin_with(file, config.env.curriculum.levels)
+        shown = TensorDict({"policy": torch.from_numpy(given)}, batch_size=[50])
+        with torch.no_grad():
+            plans = new.denormalised(learner.ppo.actor(shown))
+        expected = policy.values(given)
+        span = np.array(bounds.high) - np.array(bounds.low)
+        np.testing.assert_allclose(bounds.clipped(plans).numpy() / span, expected / span, atol=2e-3)
+        assert learner.steps == file.field("steps")
+
+
+def test_a_start_is_for_new_trainings(resumed: Path, tmp_path: Path) -> None:
+    command = parse(
+        ["--device", "cpu", "--resume", str(resumed), "--start", "models/policy.onnx",
+         "--out", str(tmp_path / "run")]
+    )  # fmt: skip
+    with pytest.raises(SaltusError, match="--start is for new trainings"):
+        command.run()
+    begun = parse(["--device", "cpu", "--start", "models/policy.onnx"]).training.learning
+    assert begun == replace(for_cpu("go1", "line").learning, **STARTED)

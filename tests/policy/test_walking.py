@@ -7,18 +7,22 @@ import pytest
 import torch
 from numpy_and_torch import both
 from samples import ROBOT
+from tensordict import TensorDict
 
 from saltus.dialects import dialect_of
+from saltus.errors import ModelError
 from saltus.grid import SCAN
+from saltus.model_file import ModelFile
 from saltus.policy.env.settings import LearningConfig
 from saltus.policy.joints.description import PolicyDescription
 from saltus.policy.joints.observation import Observer, Sensed, gravity_in_base
 from saltus.policy.joints.policy import JointPolicy
+from saltus.policy.training.learner import Learner
 from saltus.policy.training.train import Rank
 from saltus.policy.walking.description import LAYOUT, SIZE, description_of, walking_pose
 from saltus.policy.walking.env import PRIVILEGED, WalkEnv
 from saltus.policy.walking.evaluation import evaluate
-from saltus.policy.walking.export import DeployedWalk
+from saltus.policy.walking.export import DeployedWalk, make_actor
 from saltus.policy.walking.ground import MISSED_M, REACH_M, Ground, in_trench
 from saltus.policy.walking.scan_errors import ScanErrors
 from saltus.policy.walking.settings import (
@@ -28,6 +32,7 @@ from saltus.policy.walking.settings import (
     WalkTrainConfig,
 )
 from saltus.policy.walking.train import make_engine, train
+from saltus.resources import resource
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.rotations import rotation_matrix
@@ -231,10 +236,11 @@ def test_a_foot_missed_where_it_is_low_between_two_edges_and_not_on_a_step_down(
         assert (found == expected[:, None]).all()
 
 
-def test_errors_of_heights_have_the_stated_spread_last_and_vanish_on_flat_ground():
+def test_errors_of_heights_have_the_stated_spread_and_vanish_on_flat_ground():
     config = ScanConfig(shift_m=0.0)
     scan, rng, n = ScanErrors(config), np.random.default_rng(6), 400
-    error = scan.changed(np.zeros((n, 187)), np.ones(n, dtype=bool), rng.uniform(size=(n, 187)))
+    every = np.ones(n, dtype=bool)
+    error = scan.changed(np.zeros((n, 187)), every, every, rng.uniform(size=(n, 187)))
     uneven = rng.normal(0.0, 0.1, (n, 187))
     seen = (SCAN.points[:, 0] >= config.seen_x_m) & (abs(SCAN.points[:, 1]) <= config.seen_y_m)
     zero = np.zeros(n)
@@ -244,11 +250,33 @@ def test_errors_of_heights_have_the_stated_spread_last_and_vanish_on_flat_ground
     assert wrong[:, ~seen].std() == pytest.approx(spread, rel=0.1)
     flat = scan.observed(0.0 * uneven, error, zero)
     assert np.abs(flat).max() <= np.sqrt(3.0) * config.seen_m
-    later, steps = error, 5
-    for _ in range(steps):
-        later = both(scan.changed, later, np.zeros(n, dtype=bool), rng.uniform(size=(n, 187)))
-    kept = (later == error).mean()
-    assert kept == pytest.approx((1.0 - 1.0 / (50.0 * config.change_s)) ** steps, abs=0.01)
+
+
+@pytest.mark.parametrize("change_m", [0.1, 0.3, 1.0])
+def test_errors_of_heights_stay_where_a_robot_stands_and_change_with_its_way(change_m):
+    scan, rng, n = ScanErrors(ScanConfig(change_m=change_m)), np.random.default_rng(6), 400
+    none = np.zeros(n, dtype=bool)
+    begun = error = rng.uniform(-1.0, 1.0, size=(n, 187))
+    pose = start = rng.normal(size=(n, 4))
+    to = rng.uniform(-np.pi, np.pi, n)
+    ahead = 0.012 * np.stack([np.cos(to), np.sin(to), 0.0 * to, 0.0 * to], axis=-1)
+    place = start
+    for step in range(100):  # sways, then goes 0.6 m
+        way = ahead if step >= 50 else (-1.0) ** step * ahead
+        pose = pose + way
+        moved = both(scan.moved, pose, place)
+        place = np.where(moved[:, None], pose, place)
+        error = both(scan.changed, error, none, moved, rng.uniform(size=(n, 187)))
+        assert step >= 50 or (error == begun).all()
+    # A stride of 0.06 m, the first over the step of 0.05 m, renews a share of 0.05 / change_m
+    assert (error == begun).mean() == pytest.approx((1.0 - 0.05 / change_m) ** 10, abs=0.01)
+    assert error.std() == pytest.approx(1.0 / np.sqrt(3.0), rel=0.02)
+
+
+def test_a_robot_that_only_turns_moves_the_points_of_its_scan():
+    scan, zero = ScanErrors(ScanConfig()), np.zeros((2, 4))
+    turned = np.array([[0.0, 0.0, 0.0, 0.05], [0.0, 0.0, 0.0, 0.15]])
+    assert both(scan.moved, turned, zero).tolist() == [False, True]
 
 
 @pytest.mark.parametrize("rate", [10.0, 30.0, 50.0])
@@ -282,3 +310,39 @@ def test_an_evaluation_counts_what_it_saw(model):
     assert score.walked_s == 12.0
     assert 0 <= score.falls <= score.episodes
     assert np.isfinite([score.ahead_mps, score.aside_mps, score.turn_rps]).all()
+
+
+@pytest.mark.parametrize("name", ["go1", "go2"])
+def test_a_training_that_starts_from_a_file_acts_as_the_file_until_its_critic_has_learned(name):
+    path = resource(f"models/walk_{name}.onnx")
+    config = replace(
+        CONFIG, robot=name, learning=LearningConfig(horizon=4, epochs=2, critic_iterations=2)
+    )
+    learner = Learner(make_env(config=config), config.learning, make_actor(config.learning))
+    before = learner.ppo.actor.distribution.std_param.clone()
+    learner.begin_with(ModelFile(path), GROUND.levels)
+    assert set(learner._env.memory.level.tolist()) == {0.0, 1.0}
+    rng = np.random.default_rng(5)
+    given = rng.normal(size=(100, SIZE)).astype(np.float32)
+    shown = TensorDict({"policy": torch.from_numpy(given)}, batch_size=[100])
+    expected = JointPolicy(path)(given)
+    most = config.env.drives.most
+
+    def action():
+        with torch.no_grad():
+            return learner.ppo.actor(shown).clamp(-most, most).numpy()
+
+    np.testing.assert_allclose(action(), expected, atol=1e-3)
+    assert torch.equal(learner.ppo.actor.distribution.std_param, before)
+    critic = learner.ppo.critic.mlp[0].weight.clone()
+    for learns in (False, False, True):
+        learner.collect()
+        learner.learn()
+        assert np.allclose(action(), expected, atol=1e-3) != learns
+    assert not torch.equal(learner.ppo.critic.mlp[0].weight, critic)
+
+
+def test_a_file_of_another_size_is_refused():
+    learner = Learner(make_env(), CONFIG.learning, make_actor(CONFIG.learning))
+    with pytest.raises(ModelError, match="another network"):
+        learner.begin_with(ModelFile(resource("models/walk_go1.onnx")), 2)
