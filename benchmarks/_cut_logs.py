@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks.moving_logs import jumped
 from saltus.effects.body import ComOffset
-from saltus.effects.camera_view import CameraPitch
+from saltus.effects.camera import CameraPitch
 from saltus.effects.delay_line import CommandDelay
 from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.joint_loads import CoulombFriction

@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks._command import Command, progress, tell
 from saltus.config import RunConfig, TerrainConfig
-from saltus.effects.camera_view import CameraHeight, CameraPitch
+from saltus.effects.camera import CameraHeight, CameraPitch
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.render.calibrate import calibrate
 from saltus.robots.loading import load_robot

@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks._command import Command
 from saltus.effects.body import ComOffset, ContactCompliance, PayloadMass
-from saltus.effects.camera_view import CameraHeight, CameraPitch
+from saltus.effects.camera import CameraHeight, CameraPitch
 from saltus.effects.delay_line import CommandDelay
 from saltus.effects.effect import Effect
 from saltus.effects.image_delivery import CameraLatency
@@ -26,7 +26,7 @@ from saltus.effects.motors import ActuatorLag, TorqueGain
 from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.errors import SaltusError
 from saltus.heightmap.data.delivery import TRAINING
-from saltus.heightmap.data.mounts import PITCH_ERROR, POSITION_ERROR_M
+from saltus.heightmap.data.randomisation import PITCH_ERROR, POSITION_ERROR_M
 from saltus.policy.env.randomisation import SOFT_RUBBER, RandomisationConfig, WideConfig
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT

@@ -20,7 +20,7 @@ import tyro
 from numpy.typing import NDArray
 
 from benchmarks._pictures import Pictured, save, subplots
-from saltus.policy.training.evaluation_table import EvaluationRow, read_rows
+from saltus.policy.training.background_evaluation import EvaluationRow, read_rows
 from saltus.policy.training.standard_evaluation import course_of
 
 Column = NDArray[np.float64]

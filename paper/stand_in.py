@@ -7,7 +7,7 @@ Its seed was named before any policy had met it. It is the same for all systems.
 import numpy as np
 
 from saltus.effects.body import SoftFeet
-from saltus.effects.camera_view import CameraHeight, CameraPitch
+from saltus.effects.camera import CameraHeight, CameraPitch
 from saltus.effects.effect import Effect
 from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.imu import ImuBias

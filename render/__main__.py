@@ -60,7 +60,7 @@ def build(context: ProcessContext) -> CameraProcess:
         )
     else:
         # A camera that has died must be back soon: load what is needed
-        from saltus.render.stereo_exposure import (
+        from saltus.render.exposure import (
             StereoExposure,
         )
 

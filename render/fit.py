@@ -14,8 +14,8 @@ from saltus.effects.effect import Effect
 from saltus.errors import RecordingError
 from saltus.recordings.realsense import ENDINGS, read_realsense
 from saltus.recordings.recording import read_recording
+from saltus.render.postfilter import DepthUnit
 from saltus.render.stereo.camera import UNFILTERED, StereoConfig
-from saltus.render.stereo.depth_unit import DepthUnit
 from saltus.render.stereo.estimate import StereoEstimate, measured, untestable
 from saltus.render.stereo.fit_baseline import fit_baseline
 from saltus.render.stereo.fit_edges import EdgeCurves, edge_curves, flying_fraction, hole_fraction

@@ -11,7 +11,15 @@ import math
 from collections.abc import Callable
 
 from saltus.arrays import Array, Images, Masks, namespace
-from saltus.render.devices import on_host
+
+
+def on_host(array: Array) -> bool:
+    """True where an array, numpy's or torch's, is in the memory of the processor.
+
+    There a program may look at values and go by what it finds. On a GPU it would have to wait for
+    all that has been asked of the GPU so far.
+    """
+    return str(array.device) == "cpu"
 
 
 def filled_from_around(depth: Images) -> Images:

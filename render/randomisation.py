@@ -1,6 +1,6 @@
 """How good the cameras of training are: what differs from one stereo camera to the next.
 
-Where a camera sits (`saltus.heightmap.data.mounts`) and how late its images come
+Where a camera sits (`saltus.heightmap.data.randomisation`) and how late its images come
 (`saltus.heightmap.data.delivery`) is drawn by whoever moves robots.
 """
 

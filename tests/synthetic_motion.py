@@ -15,7 +15,7 @@ from saltus.config import TerrainConfig
 from saltus.depth_camera import SHIPPED
 from saltus.grid import LINE
 from saltus.heightmap.data.episode import Episode
-from saltus.heightmap.data.mounts import random_mount
+from saltus.heightmap.data.randomisation import random_mount
 from saltus.heightmap.data.rollouts import Trajectory, filmed
 from saltus.heightmap.service.features import proprioception_of_states
 from saltus.render.camera import RobotCamera

@@ -10,7 +10,7 @@ import json
 import sys
 
 from saltus.real2sim.experiments.menu import EXPERIMENTS, SEPARATIONS
-from saltus.real2sim.experiments.separations import measure
+from saltus.real2sim.experiments.next_experiment import measure
 from saltus.robots.loading import reference_robot
 
 

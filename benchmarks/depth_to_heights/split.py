@@ -21,9 +21,9 @@ from saltus.effects.camera import drawn_around
 from saltus.effects.profile import SHIPPED
 from saltus.errors import ConfigError
 from saltus.grid import LINE
+from saltus.heightmap.data.arriving_images import LateImages
 from saltus.heightmap.data.columns import NO_IMAGE_S
 from saltus.heightmap.data.delivery import TICK_S, TRAINING
-from saltus.heightmap.data.late_images import LateImages
 from saltus.heightmap.data.robot_cameras import robot_cameras
 from saltus.heightmap.evaluation.held_out import course
 from saltus.heightmap.evaluation.visibility import visibility

@@ -17,12 +17,10 @@ from saltus.effects.camera import drawn_around
 from saltus.effects.profile import SHIPPED
 from saltus.grid import HeightGrid
 from saltus.heightmap.data.delivery import TRAINING
-from saltus.heightmap.data.episode import Episode
-from saltus.heightmap.data.mounts import random_mount
-from saltus.heightmap.data.planner_randomisation import RHYTHM, SPEED, varied
+from saltus.heightmap.data.episode import Episode, runs
 from saltus.heightmap.data.predicted import PredictedHeights
+from saltus.heightmap.data.randomisation import RHYTHM, SPEED, random_mount, varied
 from saltus.heightmap.data.rollouts import Trajectory, filmed
-from saltus.heightmap.data.runs import runs
 from saltus.heightmap.service.features import proprioception_of_states
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.settings import ClosedLoop
@@ -110,7 +108,7 @@ class MixedPlanner:
     """Drives a share `learned` of the robots by the learned policy,
     the others by rules, each in its own way.
 
-    `variation` is that of the rules' numbers, see `saltus.heightmap.data.planner_randomisation`.
+    `variation` is that of the rules' numbers, see `saltus.heightmap.data.randomisation`.
     """
 
     def __init__(

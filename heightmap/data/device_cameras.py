@@ -14,9 +14,9 @@ from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import Profile
 from saltus.effects.signals import DepthImage
 from saltus.errors import ConfigError
+from saltus.heightmap.data.arriving_images import LateImages
 from saltus.heightmap.data.delivery import DeliveryModel
-from saltus.heightmap.data.late_images import LateImages
-from saltus.heightmap.data.mounts import random_mount
+from saltus.heightmap.data.randomisation import random_mount
 from saltus.render.camera import RobotCamera
 from saltus.render.eyes import SAMPLED, Eyes
 from saltus.render.randomisation import drawn_cameras

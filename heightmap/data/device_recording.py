@@ -15,8 +15,7 @@ from saltus.depth import MODEL_CAMERA
 from saltus.depth_camera import DepthCamera
 from saltus.effects.signals import DepthImage
 from saltus.heightmap.data.delivery import TICK_S
-from saltus.heightmap.data.episode import Episode
-from saltus.heightmap.data.runs import runs
+from saltus.heightmap.data.episode import Episode, runs
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.policy.bounds import ACTIONS
 from saltus.policy.features import PROPRIOCEPTION_SIZE

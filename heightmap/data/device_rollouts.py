@@ -20,11 +20,11 @@ from saltus.errors import SaltusError
 from saltus.extras import packages_of
 from saltus.gpu import has_gpu
 from saltus.grid import load_grid
+from saltus.heightmap.data.arriving_images import LateImages
 from saltus.heightmap.data.delivery import TICK_S, TRAINING
 from saltus.heightmap.data.device_cameras import DeviceCameras, late_images
 from saltus.heightmap.data.device_recording import DeviceRecording, RecordedBatch
-from saltus.heightmap.data.late_images import LateImages
-from saltus.heightmap.data.planner_randomisation import RHYTHM, SPEED, varied
+from saltus.heightmap.data.randomisation import RHYTHM, SPEED, varied
 from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.features import proprioception_of_states
 from saltus.heightmap.service.sight import Sight

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from saltus.arrays import Singles
 from saltus.effects.camera import NOMINAL_LATENCY
 from saltus.effects.image_delivery import CameraLatency
+from saltus.heightmap.settings import MIN_TICKS
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,3 +38,12 @@ class Episode:
     `state` is."""
     latency: CameraLatency = NOMINAL_LATENCY
     """How long images travel; a shard has one for all."""
+
+
+def runs(starts: NDArray[np.bool_]) -> list[slice]:
+    """Spans of at least `MIN_TICKS` from one start to the next;
+    `starts` says which ticks are one, shape (ticks,).
+    """
+    first = np.flatnonzero(starts)
+    last = np.append(first[1:], len(starts))
+    return [slice(int(a), int(b)) for a, b in zip(first, last, strict=True) if b - a >= MIN_TICKS]

@@ -13,7 +13,7 @@ from saltus.effects.camera import drawn_around
 from saltus.effects.effect import stacked
 from saltus.effects.image_pixels import to_images
 from saltus.effects.signals import DepthImage
-from saltus.heightmap.data.late_images import LateImages
+from saltus.heightmap.data.arriving_images import LateImages
 from saltus.render.camera import RobotCamera
 from saltus.render.eyes import SAMPLED, Eyes
 from saltus.render.process import random_stream

@@ -13,7 +13,7 @@ from saltus.constants import POLICY_DT
 from saltus.depth import MILLIMETRE, MODEL_CAMERA, depth_frame, depth_in_millimetres
 from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.signals import DepthImage
-from saltus.heightmap.data.damaged_images import ImageDamage
+from saltus.heightmap.data.arriving_images import ImageDamage
 from saltus.heightmap.data.robot_cameras import robot_cameras, sampled
 from saltus.heightmap.scan.predictor import ScanNetwork
 from saltus.heightmap.service.scan import ScanService

@@ -28,7 +28,7 @@ KEPT_CALLS = (
 MOUNT_POSITION_ERROR_M, MOUNT_PITCH_ERROR = 0.01, np.deg2rad(1.5)
 """Distance of a camera from the place it was made for that is allowed, along each axis and in pitch
 [rad]: a printed mount and its screws. Training data are drawn with it, or with more
-(`saltus.heightmap.data.mounts`)."""
+(`saltus.heightmap.data.randomisation`)."""
 _TOLERANCE = 1e-6  # of a number that went through text
 
 

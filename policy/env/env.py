@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from saltus.arrays import Constant, namespace
-from saltus.constants import PHYSICS_DT, POLICY_DT, POLICY_STEPS
+from saltus.constants import GRAVITY, PHYSICS_DT, POLICY_DT, POLICY_STEPS
 from saltus.controller.compensation import compensation_of
 from saltus.controller.estimator import Estimator, EstimatorState
 from saltus.controller.gait import GaitState
@@ -33,7 +33,6 @@ from saltus.policy.env.episode import Episodes
 from saltus.policy.env.memory import Memory, blank_memory, keep, store
 from saltus.policy.env.rewards import RewardInputs, reward_terms
 from saltus.policy.env.settings import EnvConfig
-from saltus.policy.env.states import engine_states
 from saltus.policy.env.training_env import TrainingEnv, Transition
 from saltus.policy.env.views import Views
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
@@ -41,6 +40,27 @@ from saltus.sim.engine import Engine
 from saltus.states import RobotStates
 from saltus.terrain.batch import Courses
 from saltus.wire.messages import ControllerMode
+
+
+def engine_states(engine: Engine, memory: Memory) -> RobotStates:
+    """IMU and encoders as the engine's positions and velocities say,
+    estimates and schedule as remembered; tensors.
+    """
+    qpos, qvel = torch.as_tensor(engine.qpos).float(), torch.as_tensor(engine.qvel).float()
+    force = torch.as_tensor(engine.qacc)[:, :3].float() + qpos.new_tensor([0.0, 0.0, GRAVITY])
+    return RobotStates(
+        quaternion_base_in_world=qpos[:, 3:7],
+        angular_velocity_base=qvel[:, 3:6],
+        acceleration_base=(rotation_matrix(qpos[:, 3:7]).mT @ force[..., None])[..., 0],
+        joint_position=qpos[:, 7:],
+        joint_velocity=qvel[:, 6:],
+        velocity_base_in_world=memory.estimate[:, :3],
+        base_height=memory.estimate[:, 3],
+        leg_contact=memory.contact,
+        leg_progress=memory.progress,
+        leg_trusted=memory.trusted,
+        cycle=memory.cycle,
+    )
 
 
 class JumpEnv(TrainingEnv):

@@ -69,7 +69,7 @@ class Evaluation:
     friction: float | None = None
     """Friction of the ground in all trials, in place of what each draws."""
     push_ns: float = 0.0
-    """Impulse of a push from the side in each trial, see `saltus.loop.pushes` [Ns]."""
+    """Impulse of a push from the side in each trial, see `saltus.loop.loop` [Ns]."""
     time_limit_s: float = TIME_LIMIT_S
     plan_delay_s: float = 0.0
     """From a state to its plan being obeyed: what the computer of a real robot takes."""

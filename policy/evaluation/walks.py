@@ -10,7 +10,7 @@ from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.controller.tick import Tick
 from saltus.drive.wish import Wish
 from saltus.loop.heights import true_heightmap, true_heights
-from saltus.loop.pushes import Pushes
+from saltus.loop.loop import Pushes
 from saltus.policy.mover import Mover
 from saltus.policy.process import PlannerProcess
 from saltus.setup import Setup
@@ -72,7 +72,7 @@ def walk(
         source: Tells the heights.
         operator: Commands at each step.
         tick: Laws of the controller; may be used for several robots of this kind.
-        push_ns: Of one push sideways [Ns], see `saltus.loop.pushes`.
+        push_ns: Of one push sideways [Ns], see `saltus.loop.loop`.
     """
     robot, loop = MujocoRobot(setup, compiled=True), ControlLoop(setup.robot, tick)
     process = PlannerProcess(setup.grid, *movers)

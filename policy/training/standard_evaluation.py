@@ -21,7 +21,7 @@ from saltus.loop.heights import shifted_heights
 from saltus.model_file import ModelFile
 from saltus.policy.evaluation.evaluate import Evaluation, EvaluationResult, merged, run_batch
 from saltus.policy.planner import make_planner
-from saltus.policy.training.evaluation_table import EvaluationRow, append_rows, summary
+from saltus.policy.training.background_evaluation import EvaluationRow, append_rows, summary
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.law import PAPER
 from saltus.terrain.own import own_families

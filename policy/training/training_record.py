@@ -11,8 +11,12 @@ from pathlib import Path
 
 from saltus.config import to_toml
 from saltus.policy.tables import carry_on
-from saltus.policy.training.background_evaluation import BackgroundEvaluation, missing_packages
-from saltus.policy.training.evaluation_table import EvaluationRow, summary
+from saltus.policy.training.background_evaluation import (
+    BackgroundEvaluation,
+    EvaluationRow,
+    missing_packages,
+    summary,
+)
 from saltus.policy.training.files import CHECKPOINT, COMMIT, PROGRESS
 from saltus.policy.training.learner import Learner
 from saltus.policy.training.progress import TallyReader

@@ -13,18 +13,18 @@ from saltus.config import changed
 from saltus.depth_camera import DepthCamera
 from saltus.effects.effect import Effect
 from saltus.effects.signals import DepthImage
-from saltus.render.postfilter import HoleFilling, SpatialFilter, TemporalFilter
-from saltus.render.stereo.background import Background
-from saltus.render.stereo.baseline_occlusion import BaselineOcclusion
-from saltus.render.stereo.depth_unit import DepthUnit
+from saltus.render.postfilter import DepthUnit, HoleFilling, SpatialFilter, TemporalFilter
 from saltus.render.stereo.disparity_noise import DisparityNoise
-from saltus.render.stereo.disparity_step import DisparityStep
-from saltus.render.stereo.edge_holes import StereoEdgeHoles
-from saltus.render.stereo.flying_pixels import FlyingPixels
+from saltus.render.stereo.edges import FlyingPixels, StereoEdgeHoles
 from saltus.render.stereo.image import depth_of, stereo_image
+from saltus.render.stereo.matching import (
+    Background,
+    BaselineOcclusion,
+    DisparityStep,
+    SearchRange,
+    WeakSignal,
+)
 from saltus.render.stereo.optics import Optics
-from saltus.render.stereo.search_range import SearchRange
-from saltus.render.stereo.weak_signal import WeakSignal
 from saltus.render.stereo.windows import ARRAY_WINDOWS, Morphology
 
 StereoState: TypeAlias = tuple[Any, ...]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
-from saltus.render.stereo.edge_holes import StereoEdgeHoles
+from saltus.render.stereo.edges import StereoEdgeHoles
 from saltus.render.stereo.estimate import StereoEstimate, measured, untestable
 from saltus.render.stereo.static_scene import StaticScene
 

@@ -11,7 +11,7 @@ from scipy.ndimage import binary_dilation
 from saltus.arrays import Reals
 from saltus.depth import NOTHING
 from saltus.errors import RecordingError
-from saltus.render.stereo.discontinuity import discontinuity
+from saltus.render.stereo.edges import discontinuity
 from saltus.render.stereo.optics import BASELINE_M
 from saltus.wire.messages import DepthFrame
 

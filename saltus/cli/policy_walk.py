@@ -160,7 +160,7 @@ class Trials(RobotOption, JsonOption):
         return walking_path(self.robot, self.model).resolve()
 
     def _height_source(self, source: str) -> "HeightSourceFactory":
-        from saltus.heightmap.data.damaged_images import ImageDamage
+        from saltus.heightmap.data.arriving_images import ImageDamage
         from saltus.heightmap.data.scan_heights import ScanHeightSourceFactory
         from saltus.policy.evaluation.walks import TrueHeightSource
 

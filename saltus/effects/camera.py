@@ -1,5 +1,5 @@
 """From an image that is exposed now to the image that a robot has now:
-the effects of a camera in order.
+where the camera looks, and its effects in order.
 """
 
 import math
@@ -9,7 +9,6 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 
 from saltus.arrays import Array
-from saltus.effects.camera_view import CameraFov, CameraHeight, CameraPitch
 from saltus.effects.depth_errors import (
     DepthBias,
     DepthNoise,
@@ -18,11 +17,44 @@ from saltus.effects.depth_errors import (
     HoleFill,
     RangeClip,
 )
-from saltus.effects.effect import Effect, PerRobot, Signal
+from saltus.effects.effect import Effect, PerRobot, Signal, parameter
 from saltus.effects.image_delivery import CameraLatency, FrameDrop, SampleAndHold, TemporalSmear
 from saltus.effects.order import Order, SignalChain
-from saltus.effects.signals import DepthImage, chosen, nothing_yet
+from saltus.effects.signals import CameraView, DepthImage, chosen, nothing_yet
 from saltus.wire.topics import CAMERA_LATENCY_S
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraPitch(Effect[CameraView], name="camera_pitch", site="view"):
+    """The camera is turned by `offset` about the trunk's left axis, nose down positive."""
+
+    # 0.5 to 3 degrees on real robots
+    offset: PerRobot = parameter(
+        unit="rad", null=0.0, low=-0.5, high=0.5, sought=(-0.2, 0.2), adds_to="pitch"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraHeight(Effect[CameraView], name="camera_height", site="view"):
+    """The optical centre is `offset` higher in the trunk's frame."""
+
+    # 5 to 20 mm on real robots
+    offset: PerRobot = parameter(
+        unit="m", null=0.0, low=-0.3, high=0.3, sought=(-0.1, 0.1), adds_to=("position", 2)
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraFov(Effect[CameraView], name="camera_fov", site="view"):
+    """The tangent of each pixel's true angle
+    to the optical axis is `scale` times the claimed one.
+    """
+
+    # 1 to 3 % on real robots; mistakes in cropping and resizing are the usual cause
+    scale: PerRobot = parameter(
+        unit="", null=1.0, low=0.5, high=2.0, sought=(0.8, 1.25), scales="tangent_scale"
+    )
+
 
 NOMINAL_LATENCY = CameraLatency(latency=CAMERA_LATENCY_S)
 """The latency of a D435i (paper)."""

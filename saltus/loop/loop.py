@@ -10,19 +10,58 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
-from saltus.constants import POLICY_DT
+from saltus.constants import POLICY_DT, PUSH_STEPS
 from saltus.controller.compensation import Compensation
 from saltus.loop.body import Body
 from saltus.loop.heights import HeightSource, shifted_heights
 from saltus.loop.planner import Planner, observe
-from saltus.loop.pushes import Pushes
 from saltus.plan import Plan
 from saltus.robots.legs import LegKinematics
 from saltus.setup import Setup
 from saltus.sim.state import PlantState
 from saltus.states import RobotStates
-from saltus.trial import TIME_LIMIT_S, Outcome, TrialMonitor, is_upright
+from saltus.terrain.terrain import Terrain
+from saltus.trial import TIME_LIMIT_S, Outcome, Trial, TrialMonitor, is_upright
 from saltus.wire.messages import ControllerMode
+
+_STREAM = 9  # of a trial's seed: other numbers than those of the trial itself
+
+
+class Pushes:
+    """From the left or the right, when the trunk first passes a place.
+
+    It lies between where time begins to run and the last edge, or the end of flat ground: a robot
+    that is pushed behind the last edge has arrived before it could fall. Place and side follow from
+    the seed of each trial, so that all policies get the same pushes.
+
+    Args:
+        impulse_ns: Of each push [Ns].
+        terrains: One for each trial.
+        trials: Whose seeds draw.
+    """
+
+    def __init__(
+        self, impulse_ns: float, terrains: Sequence[Terrain], trials: Sequence[Trial]
+    ) -> None:
+        rngs = [np.random.default_rng([trial.seed, _STREAM]) for trial in trials]
+        ends = [(t.timing_x, t.edges_x[-1] if t.edges_x.size else t.finish_x) for t in terrains]
+        self._x = np.array([rng.uniform(*each) for rng, each in zip(rngs, ends, strict=True)])
+        self._force = (
+            impulse_ns
+            / (PUSH_STEPS * POLICY_DT)
+            * np.array([rng.choice((-1.0, 1.0)) for rng in rngs])
+        )
+        self._left = np.full(len(trials), PUSH_STEPS)
+
+    def step(self, trunk_x: Floats) -> Floats:
+        """Force along the world's y over the next policy step [N], of trunks at these x [m].
+
+        Shapes (trials,).
+        """
+        pushed = (self._left > 0) & ((self._left < PUSH_STEPS) | (trunk_x >= self._x))
+        self._left -= pushed
+        return np.where(pushed, self._force, 0.0)
+
 
 STAND_STEPS = 100  # the controller stands for 1 s before it obeys its first plan
 
@@ -54,7 +93,7 @@ class Loop:
         time_limit_s: After which a trial has failed.
         stand_steps: Policy steps before the first plan is obeyed.
         plan_delay_s: See `saltus.loop.body.Body`.
-        push_ns: Of one push from the side [Ns], see `saltus.loop.pushes`.
+        push_ns: Of one push from the side [Ns], see `saltus.loop.loop`.
     """
 
     def __init__(

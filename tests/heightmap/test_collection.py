@@ -13,7 +13,7 @@ from samples import EVERYTHING, PROFILE, setups_of
 
 from saltus.cli.main import main
 from saltus.depth_camera import load_camera
-from saltus.effects.camera_view import CameraPitch
+from saltus.effects.camera import CameraPitch
 from saltus.effects.image_delivery import CameraLatency
 from saltus.heightmap import collection as heightmap_collection
 from saltus.heightmap.data.delivery import hardware_table

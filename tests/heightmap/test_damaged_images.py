@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from saltus.effects.signals import DepthImage
-from saltus.heightmap.data.damaged_images import BLANK_FROM_S, ImageDamage
+from saltus.heightmap.data.arriving_images import BLANK_FROM_S, ImageDamage
 
 SEEDS = (1, 2, 3)
 

@@ -16,7 +16,7 @@ from saltus.depth_camera import SHIPPED, DepthCamera
 from saltus.effects.profile import Profile
 from saltus.grid import LINE
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
-from saltus.heightmap.data.mounts import random_mount
+from saltus.heightmap.data.randomisation import random_mount
 from saltus.heightmap.data.robot_cameras import robot_cameras, sampled
 from saltus.heightmap.data.rollouts import Trajectory, filmed
 from saltus.heightmap.settings import ClosedLoop

@@ -28,11 +28,10 @@ from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.joint_command import JointCommand
 from saltus.loop.loop import Loop
-from saltus.policy.env.compiled import Stage
-from saltus.policy.env.env import JumpEnv, _reading
+from saltus.policy.env.env import JumpEnv, _reading, engine_states
 from saltus.policy.env.randomisation import RandomisationConfig, WideConfig
 from saltus.policy.env.settings import EnvConfig
-from saltus.policy.env.states import engine_states
+from saltus.policy.env.training_env import Stage
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.sim.batch import BatchPlant
 from saltus.sim.cpu_engine import CpuEngine

@@ -13,8 +13,13 @@ from saltus.grid import LINE
 from saltus.policy.env.curriculum import CurriculumConfig
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.settings import EnvConfig, LearningConfig, TrainConfig
-from saltus.policy.training.background_evaluation import BackgroundEvaluation
-from saltus.policy.training.evaluation_table import EvaluationRow, append_rows, read_rows, summary
+from saltus.policy.training.background_evaluation import (
+    BackgroundEvaluation,
+    EvaluationRow,
+    append_rows,
+    read_rows,
+    summary,
+)
 from saltus.policy.training.learner import JumpLearner
 from saltus.policy.training.progress import JumpTally
 from saltus.policy.training.standard_evaluation import COURSES, main

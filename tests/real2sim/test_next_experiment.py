@@ -9,8 +9,7 @@ from samples import ROBOT
 
 from saltus.real2sim.experiments.footage import FootageCamera
 from saltus.real2sim.experiments.menu import EXPERIMENTS
-from saltus.real2sim.experiments.next_experiment import next_experiment, separations
-from saltus.real2sim.experiments.separations import measure
+from saltus.real2sim.experiments.next_experiment import measure, next_experiment, separations
 from saltus.real2sim.search.findings import FoundEffect, Interval
 from saltus.real2sim.sensors import SENSORS
 

@@ -13,8 +13,7 @@ from stage import Stage
 from saltus.config import Pace, RunConfig, TerrainConfig
 from saltus.depth_camera import SHIPPED
 from saltus.render.__main__ import body, build, warmed
-from saltus.render.exposure import PerfectExposure
-from saltus.render.stereo_exposure import StereoExposure
+from saltus.render.exposure import PerfectExposure, StereoExposure
 from saltus.wire.messages import DepthFrame, Done, GroundTruth
 
 

@@ -9,8 +9,7 @@ from saltus.depth import Intrinsics, depth_in_millimetres, model_image
 from saltus.depth_camera import SHIPPED
 from saltus.render.backends import make_renderer
 from saltus.render.camera import RobotCamera
-from saltus.render.exposure import PerfectExposure
-from saltus.render.stereo_exposure import StereoExposure
+from saltus.render.exposure import PerfectExposure, StereoExposure
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire.messages import GroundTruth
 

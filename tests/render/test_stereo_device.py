@@ -15,10 +15,9 @@ from saltus.depth import supersampled_model_camera
 from saltus.effects.effect import map_arrays
 from saltus.render.camera import RobotCamera
 from saltus.render.holes import filled_along_rows, filled_from_around
-from saltus.render.stereo.background import Background
 from saltus.render.stereo.camera import StereoCamera, StereoConfig
-from saltus.render.stereo.edge_holes import StereoEdgeHoles
-from saltus.render.stereo.flying_pixels import FlyingPixels
+from saltus.render.stereo.edges import FlyingPixels, StereoEdgeHoles
+from saltus.render.stereo.matching import Background
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo.windows import ArrayWindows
 from saltus.render.stereo_embree import StereoEmbree

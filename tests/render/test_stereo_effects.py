@@ -16,9 +16,9 @@ from saltus.depth import D435I, Intrinsics
 from saltus.effects.effect import Effect, map_arrays
 from saltus.effects.signals import DepthImage
 from saltus.errors import ConfigError
-from saltus.render.stereo.background import Background
 from saltus.render.stereo.camera import IDEAL_STEREO, UNFILTERED, StereoCamera, StereoConfig
 from saltus.render.stereo.image import StereoImage, depth_of, stereo_image
+from saltus.render.stereo.matching import Background
 from saltus.render.stereo.optics import Optics
 
 SMALL = Intrinsics(width=64, height=40, fx=211.313, fy=211.313, cx=40.0, cy=20.0)

@@ -12,8 +12,7 @@ from samples import ROBOT, level_truth, put_run
 from saltus.config import RunConfig, TerrainConfig
 from saltus.depth import BASELINE_M, MODEL_CAMERA, intrinsics_of, model_image
 from saltus.effects import depth_errors
-from saltus.effects.camera import CameraChain, ViewChain
-from saltus.effects.camera_view import CameraFov, CameraHeight, CameraPitch
+from saltus.effects.camera import CameraChain, CameraFov, CameraHeight, CameraPitch, ViewChain
 from saltus.effects.effect import Effect
 from saltus.effects.image_delivery import CameraLatency, TemporalSmear
 from saltus.effects.profile import Profile, load_profile

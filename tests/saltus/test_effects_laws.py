@@ -20,7 +20,7 @@ from saltus.effects.body import (
     PayloadMass,
     SoftFeet,
 )
-from saltus.effects.camera_view import CameraFov, CameraHeight, CameraPitch
+from saltus.effects.camera import CameraFov, CameraHeight, CameraPitch
 from saltus.effects.delay_line import CommandDelay, FeedforwardDelay
 from saltus.effects.effect import Effect, map_arrays
 from saltus.effects.encoders import EncoderBias, EncoderQuantisation, VelocityFilter, VelocityScale

@@ -21,7 +21,7 @@ from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import SaltusError
 from saltus.folders import differences
 from saltus.heightmap.data.delivery import TRAINING
-from saltus.heightmap.data.mounts import PITCH_ERROR, POSITION_ERROR_M
+from saltus.heightmap.data.randomisation import PITCH_ERROR, POSITION_ERROR_M
 from saltus.policy.env.settings import for_gpu
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT

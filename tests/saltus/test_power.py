@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from saltus.effects.motors import VoltageSag
-from saltus.recordings.power import motion_powers
+from saltus.recordings.summary import motion_powers
 from saltus.robots.robot import JOINTS
 from saltus.wire.messages import ControllerMode, JointLog
 

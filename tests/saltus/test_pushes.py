@@ -5,7 +5,7 @@ from samples import ROBOT
 from saltus.config import TerrainConfig
 from saltus.constants import POLICY_DT, POLICY_STEPS
 from saltus.joint_command import JointCommand
-from saltus.loop.pushes import PUSH_STEPS, Pushes
+from saltus.loop.loop import PUSH_STEPS, Pushes
 from saltus.policy.evaluation.evaluate import Evaluation
 from saltus.sim.batch import BatchPlant
 from saltus.terrain.curriculum import make_terrain

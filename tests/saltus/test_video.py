@@ -11,9 +11,8 @@ from saltus.config import TerrainConfig
 from saltus.errors import SaltusError
 from saltus.grid import HEIGHTMAP_X, LINE, HeightGrid
 from saltus.rotations import quaternion_from_roll_pitch_yaw
-from saltus.sim.overlay import heightmap_in_world
 from saltus.sim.plant import standing_pose
-from saltus.sim.video import render_run, write_video
+from saltus.sim.video import heightmap_in_world, render_run, write_video
 from saltus.sim.video import test_frame as draw_test_frame
 from saltus.terrain.curriculum import FAMILIES, make_terrain
 
