@@ -28,13 +28,12 @@ from saltus.real2sim.patch import (
 from saltus.real2sim.problem.log import in_sequence, load_rigs, model_of, quadruped_of, shifts_s
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.progress import ComparisonProgress, Progress
-from saltus.real2sim.rebased_problem import RebasedProblem
 from saltus.real2sim.results import Examination, Judgement, SensorResult
 from saltus.real2sim.screening.align import align
 from saltus.real2sim.screening.screen import screen
 from saltus.real2sim.search.search import search
 from saltus.real2sim.sensors import SENSORS, Sensor
-from saltus.real2sim.stacked_problem import StackedProblem, stackable
+from saltus.real2sim.stacked_problem import RebasedProblem, StackedProblem, stackable
 from saltus.real2sim.verdict import Missing, Verdict, merge, resolved
 from saltus.recordings.run_log import RunLog
 

@@ -16,7 +16,6 @@ from saltus.recordings.realsense import ENDINGS, read_realsense
 from saltus.recordings.recording import read_recording
 from saltus.render.postfilter import DepthUnit
 from saltus.render.stereo.camera import UNFILTERED, StereoConfig
-from saltus.render.stereo.estimate import StereoEstimate, measured, untestable
 from saltus.render.stereo.fit_baseline import fit_baseline
 from saltus.render.stereo.fit_edges import EdgeCurves, edge_curves, flying_fraction, hole_fraction
 from saltus.render.stereo.fit_noise import (
@@ -29,7 +28,13 @@ from saltus.render.stereo.fit_noise import (
 )
 from saltus.render.stereo.fit_step import fit_step
 from saltus.render.stereo.optics import BASELINE_M, Optics
-from saltus.render.stereo.static_scene import StaticScene, static_scene
+from saltus.render.stereo.static_scene import (
+    StaticScene,
+    StereoEstimate,
+    measured,
+    static_scene,
+    untestable,
+)
 from saltus.wire.messages import DepthFrame
 
 FEW_FRAMES = 10  # below, a hole at an edge may be there in all of them

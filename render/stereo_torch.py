@@ -14,7 +14,7 @@ from kornia.morphology import dilation, erosion
 
 @dataclass(frozen=True)
 class KorniaWindows:
-    """`saltus.render.stereo.windows.Morphology` for images of three dimensions.
+    """`saltus.render.stereo.image.Morphology` for images of three dimensions.
 
     Only extremes come from kornia: its moving averages (`box_blur`), which are convolutions on a
     CPU, take 8 to 49 times as long there as sums over windows of 1, 2, 4, ... samples.

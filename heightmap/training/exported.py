@@ -1,15 +1,49 @@
-"""Reads the weights of an exported heightmap network back,
+"""Types of what a checkpoint of the heightmap network holds.
+
+Reads the weights of an exported heightmap network back,
 so that training can go on from what is shipped.
 """
 
 from pathlib import Path
+from typing import Any, NotRequired, TypedDict
 
 import torch
+from torch import Tensor
 
 from saltus.errors import ModelError
-from saltus.heightmap.training.checkpoint_table import CheckpointTable
 from saltus.model_file import ModelFile
 from saltus.onnx_export import weights_of
+
+
+class StartOrigin(TypedDict):
+    """The network that a training began with."""
+
+    sha256: str
+    dataset: str
+    update: int
+
+
+class TrainingOrigin(TypedDict):
+    """The making of a network: settings, data, and the network that it began with."""
+
+    config: dict[str, Any]
+    """The settings, as nested tables; of an exported model the seed and the network's sizes
+    alone."""
+    dataset: str
+    start: StartOrigin | None
+    update: NotRequired[int]
+    """Updates by now, where an origin is told by itself."""
+
+
+class CheckpointTable(TypedDict):
+    """A checkpoint as it lies on disk."""
+
+    origin: TrainingOrigin
+    update: int
+    model: dict[str, Tensor]
+    optimiser: NotRequired[dict[str, object]]
+    """Absent of an exported model."""
+
 
 _PREFIX = "model."  # of the network within what `saltus.heightmap.training.export` writes
 

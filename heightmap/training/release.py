@@ -22,8 +22,8 @@ from saltus.heightmap.data.shards import (
     read_records,
 )
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.training.checkpoint_table import TrainingOrigin
 from saltus.heightmap.training.export import Origin, export, parity
+from saltus.heightmap.training.exported import TrainingOrigin
 from saltus.heightmap.training.interface import interface
 from saltus.heightmap.training.train import load_checkpoint, split
 from saltus.heightmap.training.validate import Accuracy, accuracy, episode_inputs, warmup_frames

@@ -33,7 +33,6 @@ from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.quantiles import INTERVAL90
 from saltus.heightmap.settings import ModelConfig, PredictorTraining
 from saltus.heightmap.training.calibration import calibrate
-from saltus.heightmap.training.checkpoint_table import CheckpointTable, TrainingOrigin
 from saltus.heightmap.training.dataset import (
     NO_NOISE,
     TRAINING_NOISE,
@@ -42,7 +41,7 @@ from saltus.heightmap.training.dataset import (
     Window,
     run_window,
 )
-from saltus.heightmap.training.exported import read_exported
+from saltus.heightmap.training.exported import CheckpointTable, TrainingOrigin, read_exported
 
 Item = TypeVar("Item")
 _SMALLEST_M = (

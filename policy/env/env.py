@@ -28,9 +28,9 @@ from saltus.grid import HeightGrid
 from saltus.joint_command import JointCommand
 from saltus.policy.bounds import ACTIONS, plan_from_values
 from saltus.policy.env.curriculum import kinds_of_robots
-from saltus.policy.env.drives import training_drives
 from saltus.policy.env.episode import Episodes
 from saltus.policy.env.memory import Memory, blank_memory, keep, store
+from saltus.policy.env.randomisation import training_drives
 from saltus.policy.env.rewards import RewardInputs, reward_terms
 from saltus.policy.env.settings import EnvConfig
 from saltus.policy.env.training_env import TrainingEnv, Transition

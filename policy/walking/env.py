@@ -18,9 +18,8 @@ from saltus.effects.profile import load_profile
 from saltus.grid import SCAN
 from saltus.joint_command import JointCommand
 from saltus.policy.env.curriculum import kinds_of_robots, moved_level
-from saltus.policy.env.drives import training_drives
 from saltus.policy.env.memory import store
-from saltus.policy.env.randomisation import BODY_DRAWS, SOFT_RUBBER, draw_bodies
+from saltus.policy.env.randomisation import BODY_DRAWS, SOFT_RUBBER, draw_bodies, training_drives
 from saltus.policy.env.training_env import TrainingEnv, Transition
 from saltus.policy.joints.observation import (
     LIMIT,

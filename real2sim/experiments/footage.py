@@ -10,7 +10,7 @@ from saltus.depth import D435I, Intrinsics
 from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import Profile
 from saltus.real2sim.problem.camera.rays import claimed_mount
-from saltus.recordings.rig_claims import CameraClaim
+from saltus.recordings.run_claims import CameraClaim
 from saltus.recordings.run_log import DepthTable
 from saltus.render.camera import RobotCamera
 from saltus.robots.mount import Mount

@@ -28,7 +28,7 @@ from saltus.real2sim.problem.problem import Candidate, Problem, Unknown
 from saltus.real2sim.search.findings import FoundEffect
 from saltus.real2sim.sensors import SENSORS
 from saltus.real2sim.verdict import NextExperiment, largest
-from saltus.recordings.rig_claims import RigClaims
+from saltus.recordings.run_claims import RigClaims
 from saltus.robots.robot import Robot
 
 SEED = 20

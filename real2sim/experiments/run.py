@@ -18,8 +18,7 @@ from saltus.real2sim.experiments.footage import FootageCamera, film
 from saltus.real2sim.experiments.menu import Experiment
 from saltus.real2sim.experiments.motions import Section
 from saltus.real2sim.problem.rotations import turned
-from saltus.recordings.rig_claims import RigClaims, SegmentClaim
-from saltus.recordings.run_claims import SCHEMA, claim_of
+from saltus.recordings.run_claims import SCHEMA, RigClaims, SegmentClaim, claim_of
 from saltus.recordings.run_log import JointTable, RunLog, Table
 from saltus.robots.robot import JOINTS, Robot
 from saltus.sim.plant import CLEARANCE, Plant

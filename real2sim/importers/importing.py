@@ -16,9 +16,8 @@ from saltus.real2sim.importers.unitree import is_unitree, read_unitree
 from saltus.real2sim.screening.clock import MIN_ROWS, clock_faults
 from saltus.real2sim.screening.screen import believed_units
 from saltus.recordings.description import Description
-from saltus.recordings.rig_claims import RigClaims
 from saltus.recordings.rosbag import read_rosbag
-from saltus.recordings.run_claims import GAINS, SCHEMA, check_claims, claim_of
+from saltus.recordings.run_claims import GAINS, SCHEMA, RigClaims, check_claims, claim_of
 from saltus.recordings.run_log import (
     BASE_COLUMNS,
     IMU_COLUMNS,

@@ -20,7 +20,7 @@ from saltus.controller.robot.unitree.messages import (
 )
 from saltus.errors import MessageError, RecordingError
 from saltus.recordings.bag_files import opened
-from saltus.recordings.rig_claims import RigClaims
+from saltus.recordings.run_claims import RigClaims
 from saltus.recordings.run_log import JointTable, RunLog, Table, period_of
 from saltus.robots.robot import JOINTS
 

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats
 from saltus.errors import RecordingError, SaltusError
 from saltus.real2sim.problem.problem import Segment
-from saltus.recordings.rig_claims import RigClaims, SegmentClaim
-from saltus.recordings.run_claims import segments
+from saltus.recordings.run_claims import RigClaims, SegmentClaim, segments
 from saltus.recordings.run_log import JointTable, RunLog, read_claims, read_run_log
 from saltus.robots.loading import load_robot, reference_robot
 from saltus.robots.robot import Robot

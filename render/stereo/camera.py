@@ -16,7 +16,7 @@ from saltus.effects.signals import DepthImage
 from saltus.render.postfilter import DepthUnit, HoleFilling, SpatialFilter, TemporalFilter
 from saltus.render.stereo.disparity_noise import DisparityNoise
 from saltus.render.stereo.edges import FlyingPixels, StereoEdgeHoles
-from saltus.render.stereo.image import depth_of, stereo_image
+from saltus.render.stereo.image import ARRAY_WINDOWS, Morphology, depth_of, stereo_image
 from saltus.render.stereo.matching import (
     Background,
     BaselineOcclusion,
@@ -25,7 +25,6 @@ from saltus.render.stereo.matching import (
     WeakSignal,
 )
 from saltus.render.stereo.optics import Optics
-from saltus.render.stereo.windows import ARRAY_WINDOWS, Morphology
 
 StereoState: TypeAlias = tuple[Any, ...]
 """States of the effects, in the order of the camera."""

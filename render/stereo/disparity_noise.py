@@ -6,9 +6,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from saltus.arrays import Array, namespace
-from saltus.effects.draws import draw_keys
 from saltus.effects.effect import Effect, PerRobot, parameter, per_image
-from saltus.effects.fields import gaussian, samples
+from saltus.effects.fields import draw_keys, gaussian, samples
 from saltus.render.stereo.image import StereoImage
 
 Memory = tuple[Array, Array, Array]

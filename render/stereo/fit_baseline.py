@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Indices
-from saltus.render.stereo.estimate import StereoEstimate, measured, untestable
 from saltus.render.stereo.optics import BASELINE_M
-from saltus.render.stereo.static_scene import StaticScene
+from saltus.render.stereo.static_scene import StaticScene, StereoEstimate, measured, untestable
 
 SELDOM = 0.05  # a shadow is invalid in every frame; noise at its border lets some through
 MIN_WIDTH = 3  # px: narrower ones may be holes at edges

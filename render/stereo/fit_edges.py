@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.render.stereo.edges import StereoEdgeHoles
-from saltus.render.stereo.estimate import StereoEstimate, measured, untestable
-from saltus.render.stereo.static_scene import StaticScene
+from saltus.render.stereo.static_scene import StaticScene, StereoEstimate, measured, untestable
 
 MIN_STEP_PX = 2.0  # of nominal disparity: an edge
 SAME_PX = 1.0  # of nominal disparity: one surface

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Reals
-from saltus.render.stereo.estimate import StereoEstimate, measured, untestable
-from saltus.render.stereo.static_scene import StaticScene
+from saltus.render.stereo.static_scene import StaticScene, StereoEstimate, measured, untestable
 
 MIN_FRAMES = 10  # for a variance over time
 MIN_PIXELS = 200

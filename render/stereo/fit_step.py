@@ -3,8 +3,7 @@
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.render.stereo.estimate import StereoEstimate, measured, untestable
-from saltus.render.stereo.static_scene import StaticScene
+from saltus.render.stereo.static_scene import StaticScene, StereoEstimate, measured, untestable
 
 BINS = 1 << 18
 SAMPLES = 2_000_000  # inverse depths that are looked at

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.arrays import Array, Images
-from saltus.effects.draws import draw_keys
 from saltus.effects.effect import Effect
-from saltus.effects.fields import gaussian, samples
+from saltus.effects.fields import draw_keys, gaussian, samples
 from saltus.render.stereo.image import StereoImage
 
 

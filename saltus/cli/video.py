@@ -12,7 +12,7 @@ from saltus.recordings.report import RunData, collect
 from saltus.sim.video import FPS, render_run
 from saltus.sim.video import write_video as encode
 from saltus.watch.pictures import BESIDE, beside
-from saltus.watch.recorded import RecordedRun
+from saltus.watch.source import RecordedRun
 from saltus.wire.messages import HeightmapStatus
 
 SIZE = (1280, 720)

@@ -7,9 +7,8 @@ import numpy as np
 
 from saltus.arrays import Array, namespace
 from saltus.depth import BASELINE_M, D435I
-from saltus.effects.draws import draw_keys
 from saltus.effects.effect import Effect, PerRobot, parameter, per_image, pixels_within
-from saltus.effects.fields import gaussian
+from saltus.effects.fields import draw_keys, gaussian
 from saltus.effects.signals import DepthImage
 
 

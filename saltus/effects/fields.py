@@ -1,4 +1,5 @@
-"""Random images that depend on a key and an instant only, and windows over images.
+"""Random numbers and images that depend on nothing but a key and a counter or an instant,
+and windows over images.
 
 All of it is whole-array arithmetic on the array API: numpy and torch, batched or one by one, give
 the same numbers.
@@ -7,13 +8,56 @@ the same numbers.
 import math
 from collections.abc import Callable, Hashable
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from saltus.arrays import Array, Namespace, namespace
-from saltus.effects.draws import uniform
 
-# Two rounds of a 32-bit hash of low bias (as in saltus.effects.draws) on int32, whose products
+# Constants of a 32-bit integer hash of low bias (hash-prospector, "lowbias32" family). Both are
+# below 2^31, so that their product with 32 bits fits an int64, the widest integer that numpy and
+# torch share.
+_SHIFTS = (16, 15, 15)
+_MIXES = (0x21F0AAAD, 0x735A2D97)
+_MASK = 0xFFFFFFFF
+
+
+def draw_keys(batch: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.int64]:
+    """One key of 32 bits for each robot, shape `batch`."""
+    return np.asarray(rng.integers(0, 2**32, size=batch, dtype=np.int64))
+
+
+def uniform(keys: Array, time_s: Array) -> Array:
+    """Uniform numbers in [0, 1), one per robot, that belong to an instant.
+
+    Args:
+        keys: from `draw_keys`, shape (...).
+        time_s: the instant [s], float64, any finite value or infinite, shape (...); told apart to
+            the microsecond.
+
+    Returns:
+        float64 (as `time_s`), shape (...).
+    """
+    if isinstance(time_s, np.generic | np.ndarray) and time_s.ndim == keys.ndim == 0:
+        # Whole numbers of Python's own: a thirtieth of the time of arrays of one
+        instant = round(float(time_s) * 1e6) & _MASK if np.isfinite(time_s) else 0
+        return np.float64(_mixed(int(keys) ^ _mixed(instant)) / 2.0**32)
+    xp = namespace(time_s)
+    finite = xp.where(xp.isfinite(time_s), time_s, xp.zeros_like(time_s))
+    counter = xp.astype(xp.round(finite * 1e6), xp.int64) & _MASK
+    return xp.astype(_mixed(keys ^ _mixed(counter)), time_s.dtype) / 2.0**32
+
+
+def _mixed(value: Any) -> Any:
+    value = value ^ (value >> _SHIFTS[0])
+    value = (value * _MIXES[0]) & _MASK
+    value = value ^ (value >> _SHIFTS[1])
+    value = (value * _MIXES[1]) & _MASK
+    return value ^ (value >> _SHIFTS[2])
+
+
+# Two rounds of a 32-bit hash of low bias (as in saltus.effects.fields) on int32, whose products
 # wrap. Shifts keep the sign, which halves the number of different values, not the quality of their
 # upper bits, and saves masking.
 _FACTORS = (0x21F0AAAD, 0x735A2D97)
@@ -26,7 +70,7 @@ def white(keys: Array, time_s: Array, shape: tuple[int, int]) -> Array:
     """Independent random int32, shape (..., *shape); upper bits are better than lower ones.
 
     Args:
-        keys: one per image, from `saltus.effects.draws.draw_keys`, shape (...).
+        keys: one per image, from `saltus.effects.fields.draw_keys`, shape (...).
         time_s: the instant [s], shape (...).
         shape: height and width.
     """

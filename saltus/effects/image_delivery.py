@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from saltus.arrays import Array, namespace
-from saltus.effects.draws import draw_keys, uniform
 from saltus.effects.effect import Effect, PerRobot, parameter, per_image, period
+from saltus.effects.fields import draw_keys, uniform
 from saltus.effects.signals import DepthImage, chosen, nothing_yet
 
 ROUNDING_S = 1e-9  # times that are meant to be equal may differ by rounding

@@ -20,7 +20,7 @@ from saltus.recordings.bag_messages import Messages, Received, receive
 from saltus.recordings.bag_topics import COMMANDS, choose
 from saltus.recordings.description import Topics
 from saltus.recordings.images import intrinsics, is_rectified, matrices_differ
-from saltus.recordings.rig_claims import CameraClaim, RigClaims
+from saltus.recordings.run_claims import CameraClaim, RigClaims
 from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, period_of
 from saltus.rotations import rotation_matrix
 from saltus.wire.ros_types import CameraInfo

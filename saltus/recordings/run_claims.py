@@ -1,4 +1,4 @@
-"""Claims of `meta.json` of a run log about the rig:
+"""Claims of `meta.json` of a run log about the rig, their types:
 which keys there must be, and what values they may have.
 
 The simulator that a log is compared with is built from these claims, so each of them is checked
@@ -7,14 +7,88 @@ before anything else.
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 from saltus.errors import RecordingError
-from saltus.recordings.rig_claims import SegmentClaim
 from saltus.recordings.units import stated_units
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import shipped_robots
+
+
+class SegmentClaim(TypedDict):
+    """A motion of a run."""
+
+    name: str
+    t0: float
+    """Beginning [s], on the log's clock, as the end."""
+    t1: float
+    condition: str
+
+
+class CameraClaim(TypedDict, total=False):
+    """Intrinsics [px], place [m] and turn [rad] on the base, and timing of a camera."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+    position: list[float]
+    roll: float
+    pitch: float
+    yaw: float
+    rate: float
+    """[Hz]."""
+    latency: float
+    """[s]."""
+    range_max: float
+    """[m]."""
+
+
+class GroundClaim(TypedDict, total=False):
+    """The ground that a robot stood on."""
+
+    friction: float
+    contact_time_constant: float
+    """[s]."""
+
+
+class ExcitationClaim(TypedDict, total=False):
+    """The motions, in words and one by one."""
+
+    text: str
+    segments: list[SegmentClaim]
+
+
+class RigClaims(TypedDict, total=False):
+    """All claims. Those of a log that was read are known to be sound."""
+
+    schema: str
+    joints: list[str]
+    robot: str
+    base: str
+    """fixed or free."""
+    control_dt: float
+    """[s]."""
+    kp: float | list[float]
+    kd: float | list[float]
+    payload_kg: float | None
+    payload_position: list[float] | None
+    motor_strength: float | None
+    battery_v: float | None
+    ground: GroundClaim
+    camera: CameraClaim
+    terrain: str | list[dict[str, object]]
+    units: dict[str, object]
+    segments: list[SegmentClaim]
+    excitation: ExcitationClaim
+    notes: str
+    cut: str
+    config: dict[str, Any]
+    """Settings of the run that was exported."""
+
 
 SCHEMA = "saltus-run/1"
 SEGMENT_KEYS = ("name", "t0", "t1", "condition")

@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats, Indices
 from saltus.errors import RecordingError
 from saltus.recordings.columns import opened_archive, read_archive, read_parquet, read_text
-from saltus.recordings.rig_claims import RigClaims
-from saltus.recordings.run_claims import check_claims, claim_of
+from saltus.recordings.run_claims import RigClaims, check_claims, claim_of
 from saltus.recordings.units import FARTHEST_MM, in_si, stated_units
 from saltus.robots.robot import LEGS, Robot
 

@@ -14,8 +14,7 @@ from saltus.errors import RecordingError
 from saltus.recordings.recorded_file import is_recording
 from saltus.recordings.recorder import RECORDING_FILE
 from saltus.recordings.recording import Recording, read_recording
-from saltus.recordings.rig_claims import CameraClaim, RigClaims, SegmentClaim
-from saltus.recordings.run_claims import SCHEMA, claim_of
+from saltus.recordings.run_claims import SCHEMA, CameraClaim, RigClaims, SegmentClaim, claim_of
 from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, write_run_log
 from saltus.robots.robot import JOINTS
 from saltus.trial import Trial

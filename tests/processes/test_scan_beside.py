@@ -12,7 +12,7 @@ from saltus.recordings.recording import read_recording
 from saltus.runtime.programs import PROGRAMS, scan
 from saltus.runtime.stack import Stack
 from saltus.watch.live import LiveRun
-from saltus.watch.recorded import RecordedRun
+from saltus.watch.source import RecordedRun
 from saltus.wire.messages import Heightmap, HeightmapStatus
 
 RUN_S = 3.0  # it stands for a second, and then bounds

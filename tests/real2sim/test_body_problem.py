@@ -17,8 +17,8 @@ from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.problem import BodyProblem
 from saltus.real2sim.problem.body.replay import FINE, GROUNDS, likeliest
 from saltus.real2sim.problem.problem import Problem
-from saltus.real2sim.rebased_problem import NOT_HELD, RebasedProblem
 from saltus.real2sim.sensors import SENSORS, carried_by
+from saltus.real2sim.stacked_problem import NOT_HELD, RebasedProblem
 from saltus.recordings.run_log import RunLog
 from saltus.sim.free_robots import Solver
 

@@ -32,8 +32,8 @@ from saltus.real2sim.problem.camera.data import frames_of
 from saltus.real2sim.problem.camera.edges import edge_counts
 from saltus.real2sim.problem.camera.problem import CameraProblem
 from saltus.real2sim.problem.camera.rays import claimed_scenes
-from saltus.real2sim.rebased_problem import RebasedProblem
 from saltus.real2sim.sensors import SENSORS
+from saltus.real2sim.stacked_problem import RebasedProblem
 from saltus.recordings.run_log import DepthTable
 from saltus.terrain.boxes import Boxes
 

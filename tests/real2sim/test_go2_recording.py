@@ -9,7 +9,7 @@ import pytest
 
 from saltus.config import load
 from saltus.real2sim.importers.importing import import_recording
-from saltus.real2sim.importers.state_times import evenly, rate_scale, state_times
+from saltus.real2sim.importers.kinds import evenly, rate_scale, state_times
 from saltus.real2sim.problem.log import load_rigs, segments_of
 from saltus.real2sim.screening.screen import screen
 from saltus.recordings.description import Description

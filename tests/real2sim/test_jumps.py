@@ -15,8 +15,8 @@ from saltus.effects.motors import ActuatorLag, TorqueGain, TorqueSaturation, Tor
 from saltus.effects.profile import Profile
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.jumps.problem import NOT_SHOWN, JumpProblem
-from saltus.real2sim.rebased_problem import RebasedProblem
 from saltus.real2sim.sensors import SENSORS
+from saltus.real2sim.stacked_problem import RebasedProblem
 from saltus.recordings.run_log import RunLog
 
 CALVES = [1.0, 1.0, 0.9] * 4

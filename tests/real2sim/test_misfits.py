@@ -12,10 +12,10 @@ from saltus.arrays import Floats
 from saltus.effects.motors import ActuatorLag, TorqueSpeedLimit
 from saltus.effects.profile import Profile
 from saltus.real2sim.problem.problem import Problem, WrappedProblem
-from saltus.real2sim.rebased_problem import RebasedProblem
 from saltus.real2sim.reporting.words import sentence
 from saltus.real2sim.search.findings import FoundEffect, Interval
 from saltus.real2sim.search.search import search
+from saltus.real2sim.stacked_problem import RebasedProblem
 from saltus.real2sim.verdict import Gap, Verdict, merge
 from saltus.robots.robot import JOINTS
 

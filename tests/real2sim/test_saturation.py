@@ -16,7 +16,7 @@ from saltus.real2sim.experiments.menu import EXPERIMENTS
 from saltus.real2sim.experiments.run import run
 from saltus.real2sim.pipeline import find
 from saltus.real2sim.problem.joints.problem import JointProblem
-from saltus.real2sim.rebased_problem import RebasedProblem
+from saltus.real2sim.stacked_problem import RebasedProblem
 from saltus.recordings.run_log import write_run_log
 
 STEPS = dataclasses.replace(

@@ -14,8 +14,8 @@ from saltus.config import TerrainConfig
 from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, supersampled_model_camera
 from saltus.render.backends import make_renderer, make_stereo
 from saltus.render.camera import RobotCamera
+from saltus.render.stereo.image import ARRAY_WINDOWS
 from saltus.render.stereo.optics import Optics
-from saltus.render.stereo.windows import ARRAY_WINDOWS
 from saltus.render.stereo_pyrender import NEAREST_M
 from saltus.robots.mount import Mount
 from saltus.terrain.boxes import Box

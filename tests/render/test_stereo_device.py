@@ -17,9 +17,9 @@ from saltus.render.camera import RobotCamera
 from saltus.render.holes import filled_along_rows, filled_from_around
 from saltus.render.stereo.camera import StereoCamera, StereoConfig
 from saltus.render.stereo.edges import FlyingPixels, StereoEdgeHoles
+from saltus.render.stereo.image import ArrayWindows
 from saltus.render.stereo.matching import Background
 from saltus.render.stereo.optics import Optics
-from saltus.render.stereo.windows import ArrayWindows
 from saltus.render.stereo_embree import StereoEmbree
 from saltus.render.stereo_torch import KorniaWindows
 from saltus.rotations import quaternion_from_roll_pitch_yaw

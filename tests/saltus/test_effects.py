@@ -11,8 +11,8 @@ from saltus.constants import PHYSICS_DT
 from saltus.effects.camera import CameraChain
 from saltus.effects.chain import ActuatorChain, Torques, proportional_derivative
 from saltus.effects.delay_line import CommandDelay, FeedforwardDelay
-from saltus.effects.draws import draw_keys, uniform
 from saltus.effects.effect import Effect
+from saltus.effects.fields import draw_keys, uniform
 from saltus.effects.heightmap_shift import HeightmapShift
 from saltus.effects.image_delivery import CameraLatency, FrameDrop, SampleAndHold
 from saltus.effects.motors import ActuatorLag, TorqueGain, TorqueSaturation, TorqueSpeedLimit

@@ -9,8 +9,8 @@ import pytest
 from recorded import STEPS, run_samples, write
 
 from saltus.watch.pictures import BESIDE, INK, PALETTE, PREDICTED, TRUE, UNTRUSTED, beside
-from saltus.watch.recorded import RecordedRun
 from saltus.watch.scene import Scene
+from saltus.watch.source import RecordedRun
 from saltus.wire.messages import HeightmapStatus
 
 

@@ -16,8 +16,8 @@ from saltus.config import RunConfig, to_toml
 from saltus.recordings.recording import Arrival
 from saltus.runtime.run_folder import RUN_FILE
 from saltus.watch.live import LiveRun
-from saltus.watch.recorded import RecordedRun
 from saltus.watch.scene import SILENT, Scene
+from saltus.watch.source import RecordedRun
 from saltus.wire.codec import Envelope
 from saltus.wire.messages import ControllerMode, HeightmapStatus
 from saltus.wire.router import open_router
