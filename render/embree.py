@@ -1,5 +1,7 @@
 """Back end on Embree (open3d): rays against the terrain's triangles,
 exact capsules for the legs.
+
+A course of columns needs no rays where the camera is above it (`saltus.render.course`).
 """
 
 import os
@@ -13,6 +15,7 @@ from saltus.arrays import Floats
 from saltus.render._open3d import load_open3d
 from saltus.render.camera import RobotCamera, camera_pose, ray_directions
 from saltus.render.capsules import capsules_in_camera, draw_capsules
+from saltus.render.course import Course
 from saltus.render.renderer import Renderer
 from saltus.render.surface import terrain_triangles
 from saltus.robots.leg_shapes import Capsules
@@ -49,6 +52,8 @@ class EmbreeRenderer(Renderer):
         self._scene.add_triangles(
             open3d.core.Tensor.from_numpy(vertices), open3d.core.Tensor.from_numpy(triangles)
         )
+        columns = terrain.columns
+        self._course = None if columns is None else Course(columns, self.intrinsics)
         self._directions = ray_directions(self.intrinsics)
         self._across = self._directions[0, :, 0].astype(np.float32)
         self._down = self._directions[:, 0, 1].astype(np.float32)
@@ -80,6 +85,19 @@ class EmbreeRenderer(Renderer):
 
     def _cast(self, origin: Floats, rotation: Floats) -> NDArray[np.float32]:
         """Depth of the terrain from n camera poses, shape (n, height, width)."""
+        if self._course is None:
+            return self._hit(origin, rotation)
+        seen = self._course.sees(origin, rotation)
+        if seen.all():
+            return self._course.depth(origin, rotation)
+        depth = np.empty((len(origin), *self._directions.shape[:2]), dtype=np.float32)
+        depth[~seen] = self._hit(origin[~seen], rotation[~seen])
+        if seen.any():
+            depth[seen] = self._course.depth(origin[seen], rotation[seen])
+        return depth
+
+    def _hit(self, origin: Floats, rotation: Floats) -> NDArray[np.float32]:
+        """The same by rays."""
         rays = self._buffer(len(origin))
         rays[..., :3] = origin[:, None, None, :]
         self._turn(rotation.astype(np.float32), rays[..., 3:])
