@@ -25,7 +25,7 @@ from saltus.real2sim.search.layout import Layout, Model, model_of
 from saltus.real2sim.search.quadratic import Quadratic, dispersion, held_out_gains, spread
 from saltus.real2sim.search.repeats import closed_of_repeating, repeats_of
 from saltus.real2sim.search.reported import Groups, misfits_of, stated_model, unseen_of
-from saltus.real2sim.search.split import Cells
+from saltus.real2sim.search.split import CHANCE, Cells
 
 LASTING, UNEVEN = 0.4, 3.0
 """Noise that lasts longer than its level was read from shows in all segments, whatever they move:
@@ -40,6 +40,9 @@ WORSE = 1.5
 """Ratio of a signal's gap after to before from which a model does not explain the log, whatever it
 does for others: a dead zone of a drive looks like play in angles, but not in velocities. True
 effects leave no signal worse by a tenth."""
+WEAKLY = 0.6
+"""Share of what all cells together show that an effect must close which no cell shows: an encoder
+bias closed 0.79 (e262bb5614bf of seed 1826395078), the effects nearest to it 0.46 at most."""
 RANKED = 12
 """Number of models in the report."""
 
@@ -167,6 +170,8 @@ def _rule(
     if is_tested and decide.leaves_chance(comparison, chosen.fit.model):
         shows = tested.shows(tested.structure(null.fit.residuals), comparison.size)
         is_closed |= closed_of_repeating(problem, tested, null.fit.residuals, final, shows) >= share
+    if decide.shows_little(comparison, {(): null.fit}, chosen.fit):
+        is_closed = _closes_all(tested, null.fit.residuals, final)
     if len(chosen.fit.model) > 2:  # three effects imitate a fourth, but not to within noise
         is_closed = is_closed and not leaves_gap
     gaps = _gaps(problem, tested, null.fit.residuals, final)
@@ -233,6 +238,15 @@ def _closed(comparison: ModelComparison, tested: Cells, before: Floats, after: F
     return tested.share_gone(structure, tested.structure(after), shows)
 
 
+def _closes_all(tested: Cells, before: Floats, after: Floats) -> bool:
+    """True where all cells of the test together show more than chance,
+    and a model closes `WEAKLY` of it.
+    """
+    whole, left = tested.together(before), tested.together(after)
+    chance = CHANCE * float(np.sqrt(len(before) * len(tested.rows)))
+    return whole > chance and left < (1.0 - WEAKLY) * whole
+
+
 def _sets(alike: dict[str, list[str]]) -> tuple[tuple[str, ...], ...]:
     sets = [tuple(sorted([effect, *others])) for effect, others in alike.items() if others]
     return tuple(dict.fromkeys(sets))
@@ -296,7 +310,8 @@ def _minimum_detectable(
     """Smallest size of each effect that would be found, at the place that shows it best.
 
     With nuisances projected out, by derivatives at the model without effects, its gain must reach
-    `decide.GAIN_NATS`, and its RMS `comparison.size` in the segment and signal that show it best.
+    `decide.GAIN_NATS`, and its RMS `comparison.size` in the segment and signal that show it best,
+    or its value `decide.least_value`.
     """
     layout, cells = comparison.layout, comparison.cells
     around, slopes = known.quadratic(()), known.library(())
@@ -313,7 +328,7 @@ def _minimum_detectable(
                 continue
             size = max(
                 np.sqrt(2.0 * decide.GAIN_NATS * wide / gain),
-                comparison.size / np.sqrt(power.max()),
+                min(comparison.size / np.sqrt(power.max()), decide.least_value(candidate)),
             )
             if candidate.effect not in sizes or size < sizes[candidate.effect][0]:
                 sizes[candidate.effect] = (float(size), index)

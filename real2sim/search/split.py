@@ -189,13 +189,24 @@ class Cells:
 
     def beyond_noise(self, residuals: Floats) -> Floats:
         """As `structure`, but for noise about 0 and not at least: for sums over many cells."""
+        return np.minimum(*self._beyond_noise(residuals))
+
+    def together(self, residuals: Floats) -> float:
+        """Sum of squares beyond noise of all blocks and cells as if they were one.
+
+        Of noise alone a sum of `beyond_noise` is below 0, as each cell takes the smaller of two.
+        """
+        return min(float(np.sum(way @ self.counts)) for way in self._beyond_noise(residuals))
+
+    def _beyond_noise(self, residuals: Floats) -> tuple[Floats, Floats]:
+        """Power above that of noise, and of neighbours that are alike; each (..., cells)."""
         ordered = residuals[..., self.rows]
         products = ordered[..., 1:] * ordered[..., :-1]
         products = np.concatenate([products, np.zeros_like(products[..., :1])], axis=-1)
         products[..., self.starts[1:] - 1] = 0.0  # neighbours of different cells
         alike = np.add.reduceat(products, self.starts, axis=-1) / np.maximum(1, self.counts - 1)
         alike = np.where(self.counts < FEW, np.inf, alike)
-        return np.asarray(np.minimum(self.power(residuals) - 1.0, alike))
+        return self.power(residuals) - 1.0, np.asarray(alike)
 
     def shows(self, structure: Floats, least_rms: float) -> Mask:
         """Cells whose structure has at least this RMS and is not chance, shape of `structure`."""

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from effect_sizes import sizes
-from linear_problem import LinearProblem
+from linear_problem import WHERES, LinearProblem
 from scipy.ndimage import gaussian_filter1d
 
 from benchmarks.left_out import NarrowedProblem
@@ -25,6 +25,38 @@ def test_an_effect_is_named_only_beyond_what_two_correct_simulators_differ_by(
     problem.candidates = tuple(replace(each, resolution=resolution) for each in problem.candidates)
     findings = search(problem)
     assert (findings.verdict, bool(findings.effects)) == (verdict, verdict == "named")
+
+
+MANY = tuple(f"leg {number}" for number in range(24))
+LITTLE = 0.3
+
+
+def little(seed: int, resolution: float, alike: float | None = None) -> LinearProblem:
+    """Many legs whose effect no segment and signal shows with 0.45 sigma; all together do."""
+    hidden = {("e1", where, block): LITTLE for where in WHERES for block in MANY}
+    problem = LinearProblem(hidden, seed=seed, blocks=MANY, alike=alike)
+    problem.candidates = tuple(replace(c, resolution=resolution) for c in problem.candidates)
+    return problem
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize(
+    ("resolution", "verdict"), [(0.0, "no_gap"), (0.03, "named"), (0.15, "no_gap")]
+)
+def test_what_shows_little_is_named_where_its_value_is_more_than_simulators_differ_by(
+    resolution: float, verdict: str, seed: int
+) -> None:
+    findings = search(little(seed, resolution))
+    assert findings.verdict == verdict
+    assert {effect.name for effect in findings.effects} <= {"e1"}
+    assert (findings.minimum_detectable["e1"].value < LITTLE) == (verdict == "named")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_shows_little_has_no_name_of_what_takes_less_than_half_of_it(seed: int) -> None:
+    problem = little(seed, 0.01, alike=0.65)
+    assert search(problem).verdict in ("named", "set")
+    assert search(NarrowedProblem(problem, ["e1"])).verdict == "no_gap"
 
 
 @pytest.mark.parametrize(("closable", "names"), [(1.0, {"e1", "e2"}), (0.9, {"e1"})])
