@@ -184,12 +184,16 @@ class ControlLoop:
         acting = self._tick.act(reference, self._states(), self._law_state, self._ground, mode)
         self._law_state, self._ground, self._last = acting.law, acting.ground, acting
         self._gait, self._settled = acting.gait, bool(acting.settled)
-        if mode != ControllerMode.WALK or not isinstance(plan, JointPlan):
+        if mode not in (ControllerMode.WALK, ControllerMode.LANDING):
             return acting.command
         reading = self._sensed_reading()
         down = self._tracking.contact(reading.measurement, reading.joint_torque)
-        self._gait = replace(acting.gait, contact=down, trusted=down)
-        return self._tracking.command(plan)
+        if mode == ControllerMode.LANDING:  # feet touch down when the schedule does not say so
+            self._gait = replace(acting.gait, trusted=acting.gait.trusted & down)
+        elif isinstance(plan, JointPlan):
+            self._gait = replace(acting.gait, contact=down, trusted=down)
+            return self._tracking.command(plan)
+        return acting.command
 
     def _own_reference(self, reference: Reference) -> tuple[ControllerMode, Reference]:
         """Returns what the law is to do: while plans are late
