@@ -22,7 +22,7 @@ from benchmarks._measuring import Stopwatch
 from saltus.controller.braking import BrakingState
 from saltus.controller.law import LegController
 from saltus.controller.signals import Reference, observe, reference_of
-from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
+from saltus.controller.stance import FRICTION, ExactSolver, StanceLegs, StanceQP
 from saltus.controller.tick import CompiledTick, Tick
 from saltus.plan import Plan
 from saltus.robots.legs import LegKinematics
@@ -38,7 +38,6 @@ except ImportError:
     quadprog = None
 
 ROBOT = load_robot(DEFAULT_ROBOT)
-CONFIG = StanceConfig()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +59,7 @@ class Benchmark(Command):
 
     def _forces(self, rng: np.random.Generator) -> dict[str, Any]:
         """Random problems of 0 to 4 standing feet: build, solve, compare."""
-        stance, solver = StanceLegs(ROBOT, CONFIG), ExactSolver(ROBOT, CONFIG)
+        stance, solver = StanceLegs(ROBOT), ExactSolver(ROBOT)
         plans, robots = random_robots(rng, (self.problems,))
         contacts = rng.random((self.problems, 4)) < 0.6
         build, solve, differences = Stopwatch(), Stopwatch(), []
@@ -165,9 +164,7 @@ def independent(qp: StanceQP) -> NDArray[np.float64]:
     for leg in range(4):
         x, y, z = np.eye(12)[3 * leg : 3 * leg + 3]
         if qp.contact[leg]:
-            rows += [z, -z] + [
-                CONFIG.friction * z + sign * t for t in (x, y) for sign in (1.0, -1.0)
-            ]
+            rows += [z, -z] + [FRICTION * z + sign * t for t in (x, y) for sign in (1.0, -1.0)]
             bounds += [low, -high, 0.0, 0.0, 0.0, 0.0]
         else:
             equations += [x, y, z]

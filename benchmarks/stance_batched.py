@@ -17,7 +17,14 @@ import torch
 from benchmarks._command import Command
 from benchmarks._measuring import percentiles
 from saltus.arrays import Floats
-from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
+from saltus.controller.stance import (
+    ACCELERATION_WEIGHT,
+    FORCE_WEIGHT,
+    FRICTION,
+    ExactSolver,
+    StanceLegs,
+    StanceQP,
+)
 from saltus.controller.stance_batched import BatchedSolver
 from saltus.grid import LINE
 from saltus.policy.env.env import JumpEnv
@@ -41,13 +48,12 @@ class Benchmark(Command):
 
     def measure(self) -> dict[str, Any]:
         qp = problems(self.robots, self.steps)
-        config = StanceConfig()
         robot = load_robot(DEFAULT_ROBOT)
-        legs, exact = StanceLegs(robot, config), ExactSolver(robot, config).solve(qp)
+        legs, exact = StanceLegs(robot), ExactSolver(robot).solve(qp)
         figures: dict[str, Any] = {"problems": len(exact)}
         for name, force in (
-            ("batched", BatchedSolver(robot, config).solve(qp)),
-            ("clipped", clipped(qp, robot, config)),
+            ("batched", BatchedSolver(robot).solve(qp)),
+            ("clipped", clipped(qp, robot)),
         ):
             excess = legs.tracking_cost(qp, force) - legs.tracking_cost(qp, exact)
             figures[f"{name}_force_error_n"] = percentiles(
@@ -97,14 +103,14 @@ class ProblemRecorder:
         return StanceQP(**{name: array[standing] for name, array in arrays.items()})
 
 
-def clipped(qp: StanceQP, robot: Robot, config: StanceConfig) -> Floats:
+def clipped(qp: StanceQP, robot: Robot) -> Floats:
     """The closed form without constraints, then fz clipped and fx, fy scaled into the cone."""
-    root = np.sqrt(np.array(config.acceleration_weight))
+    root = np.sqrt(np.array(ACCELERATION_WEIGHT))
     A = (qp.model * root).swapaxes(-1, -2) * np.repeat(qp.contact, 3, -1)[:, None]
     right = A.swapaxes(-1, -2) @ (qp.target * root)[..., None]
-    force = np.linalg.solve(
-        A.swapaxes(-1, -2) @ A + config.force_weight * np.eye(12), right
-    ).reshape(-1, 4, 3)
+    force = np.linalg.solve(A.swapaxes(-1, -2) @ A + FORCE_WEIGHT * np.eye(12), right).reshape(
+        -1, 4, 3
+    )
     fz = np.clip(force[..., 2], *robot.foot_force) * qp.contact
-    scale = np.minimum(1.0, config.friction * fz / (np.linalg.norm(force[..., :2], axis=-1) + 1e-3))
+    scale = np.minimum(1.0, FRICTION * fz / (np.linalg.norm(force[..., :2], axis=-1) + 1e-3))
     return np.concatenate([force[..., :2] * scale[..., None], fz[..., None]], -1).reshape(-1, 12)

@@ -13,9 +13,10 @@ from typing import Protocol
 
 from saltus.arrays import Constant, Flags, Legs, Scalars, Vectors, namespace
 from saltus.constants import PHYSICS_DT
-from saltus.controller.gait import GaitConfig, GaitSignal
+from saltus.controller.gait import GaitSignal
 from saltus.controller.law import Diagnostics
 from saltus.controller.signals import Reference, reference_of
+from saltus.footholds import SWING_RATIO
 from saltus.plan import Plan, swing_lift
 from saltus.robots.robot import Robot
 from saltus.robots.similarity import Similarity
@@ -119,12 +120,9 @@ class Braking:
     def __init__(
         self,
         robot: Robot,
-        config: BrakingConfig | None = None,
-        gait: GaitConfig | None = None,
     ) -> None:
         size = Similarity.of_robot(robot)
-        self.config = (config or BrakingConfig()).of_size(size)
-        self._swing_ratio = (gait or GaitConfig()).swing_ratio
+        self.config = BrakingConfig().of_size(size)
         hip_x = float(robot.neutral_foot[0])
         self._landing_limit = float(robot.landing_reach[0])
         self._shortest_base = _SHORTEST_BASE * size.length
@@ -221,10 +219,10 @@ class Braking:
         forward = last.body.velocity[..., 0]
         period = 1.0 / config.stepping_frequency_hz
         limit = self._landing_limit
-        step = xp.clip(forward * (0.5 * (1.0 - self._swing_ratio) * period), -limit, limit)
+        step = xp.clip(forward * (0.5 * (1.0 - SWING_RATIO) * period), -limit, limit)
         reach = shift + config.reach_s * forward
         landing_x = (
-            self._hip_x[leg] + step + reach + forward * (1.0 - swing) * (self._swing_ratio * period)
+            self._hip_x[leg] + step + reach + forward * (1.0 - swing) * (SWING_RATIO * period)
         )
         middle = xp.mean(state.foothold, axis=-2)
         # The swing stays at -base_height

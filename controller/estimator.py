@@ -29,24 +29,15 @@ _TINY = 1e-12
 _GRAVITY = Constant([0.0, 0.0, -GRAVITY])
 
 
-@dataclass(frozen=True, kw_only=True)
-class EstimatorConfig:
-    """Noise of the filter, in the order vx, vy, vz, height; original."""
-
-    process_variance: tuple[float, ...] = (1.42e-5, 1.58e-5, 8.75e-5, 2e-5)
-    """Added at each 2 ms tick [(m/s)^2, m^2]."""
-    measurement_variance: tuple[float, ...] = (
-        0.337 * 0.03,
-        0.1486 * 0.03,
-        0.684 * 0.03,
-        0.68 * 0.03,
-    )
-    rest_speed_mps: float = 0.3
-    """A trusted foot that moves in the world by the prediction is believed less: half at this speed
-    (Cauchy weight). Not in the original. Feet slip and land late; measured over bounding at 1 m/s,
-    in most of three runs the error of forward velocity fell from 0.10-0.21 to 0.05-0.10 m/s
-    (RMS)."""
-    initial_variance: float = 0.1
+_PROCESS_VARIANCE = Constant([1.42e-5, 1.58e-5, 8.75e-5, 2e-5])
+"""Noise that each 2 ms tick adds to vx, vy, vz, height [(m/s)^2, m^2]; original."""
+_MEASUREMENT_VARIANCE = Constant([0.337 * 0.03, 0.1486 * 0.03, 0.684 * 0.03, 0.68 * 0.03])
+"""Noise of what legs say of them, in the same order; original."""
+_REST_SPEED_MPS = 0.3
+"""A trusted foot that moves in the world by the prediction is believed less: half at this speed
+(Cauchy weight). Not in the original. Feet slip and land late; measured over bounding at 1 m/s, in
+most of three runs the error of forward velocity fell from 0.10-0.21 to 0.05-0.10 m/s (RMS)."""
+_INITIAL_VARIANCE = 0.1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,11 +63,8 @@ class EstimatorState:
 class Estimator:
     """Kalman filter over IMU and stance legs."""
 
-    def __init__(self, robot: Robot, config: EstimatorConfig | None = None) -> None:
-        self.config = config or EstimatorConfig()
+    def __init__(self, robot: Robot) -> None:
         self._kinematics, self._foot_radius = LegKinematics(robot), robot.foot_radius
-        self._process = Constant(self.config.process_variance)
-        self._measurement = Constant(self.config.measurement_variance)
         self._start = Constant([0.0, 0.0, 0.0, robot.stand_height])
 
     def init(self, batch: tuple[int, ...], like: Array) -> EstimatorState:
@@ -84,7 +72,7 @@ class Estimator:
         xp = namespace(like)
         zeros = xp.zeros((*batch, 4), dtype=like.dtype, device=like.device)
         return EstimatorState(
-            mean=zeros + self._start.like(like), variance=zeros + self.config.initial_variance
+            mean=zeros + self._start.like(like), variance=zeros + _INITIAL_VARIANCE
         )
 
     def step(
@@ -100,10 +88,10 @@ class Estimator:
             state.mean
         )
         change = xp.concat([acceleration, state.mean[..., 2:3]], axis=-1) * PHYSICS_DT
-        mean, variance = state.mean + change, state.variance + self._process.like(state.mean)
+        mean, variance = state.mean + change, state.variance + _PROCESS_VARIANCE.like(state.mean)
 
         measurement, weight = self._legs(measured, rotation, trusted, mean[..., :3])
-        noise = self._measurement.like(mean)
+        noise = _MEASUREMENT_VARIANCE.like(mean)
         # Noise / weight is the variance of what legs say
         gain = variance * weight / (variance * weight + noise)
         return EstimatorState(
@@ -122,7 +110,7 @@ class Estimator:
         relative = (jacobian @ joint)[..., 0] + foot @ skew(measured.angular_velocity_base).mT
         by_foot = -(relative @ rotation.mT)
         height = self._foot_radius - foot @ rotation[..., 2, :, None]
-        slip = (by_foot - velocity[..., None, :]) * (1.0 / self.config.rest_speed_mps)
+        slip = (by_foot - velocity[..., None, :]) * (1.0 / _REST_SPEED_MPS)
         rest = 1.0 / (1.0 + xp.sum(slip * slip, axis=-1, keepdims=True))
         weight = xp.where(trusted[..., None], rest, xp.zeros_like(rest))
         total = xp.clip(xp.sum(weight, axis=-2), _TINY, None)

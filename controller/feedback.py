@@ -6,7 +6,7 @@ x p) in the base frame; the inverse leg Jacobian turns it into joint velocities,
 track those with a small gain. Source: paper ("Feedback Velocity Tracking").
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from saltus.arrays import Array, Constant, Jacobians, Joints, Legs, Vectors, namespace
 from saltus.controller.signals import YawFrameBody
@@ -15,22 +15,19 @@ from saltus.robots.robot import Robot
 from saltus.robots.similarity import Similarity
 from saltus.rotations import skew
 
-
-@dataclass(frozen=True, kw_only=True)
-class FeedbackConfig:
-    """The feedback; its gain is `Gains.stance_kd`, with which 0 leaves feed-forward only."""
-
-    damping_m: float = 0.005
-    """Damping of the inverse Jacobian: its gain is at most 1 / (2 damping). In the standing pose,
-    where the smallest singular value is 0.1 m, it changes the result by 0.2 %."""
+DAMPING_M = 0.005
+"""Damping of the inverse Jacobian: its gain is at most 1 / (2 damping). In the standing pose, where
+the smallest singular value is 0.1 m, it changes the result by 0.2 %."""
 
 
 class VelocityFeedback:
-    """Reference joint velocities of legs in stance."""
+    """Reference joint velocities of legs in stance.
 
-    def __init__(self, robot: Robot, config: FeedbackConfig) -> None:
-        self.config = config
-        damping = config.damping_m * Similarity.of_robot(robot).length
+    The gain of the feedback is `Gains.stance_kd`, with which 0 leaves feed-forward only.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        damping = DAMPING_M * Similarity.of_robot(robot).length
         self._identity = Constant(
             [[float(i == j) * damping**2 for j in range(3)] for i in range(3)]
         )

@@ -11,24 +11,11 @@ from dataclasses import dataclass
 from saltus.arrays import Array, Constant, Counts, LegFlags, PerLeg, Scalars, namespace
 from saltus.footholds import SWING_RATIO
 
-
-@dataclass(frozen=True, kw_only=True)
-class GaitConfig:
-    """Shape of the cycle."""
-
-    offset: tuple[float, ...] = (0.05, 0.05, -0.40, -0.40)
-    """Phase of each leg at the start [cycles]; original."""
-    swing_ratio: float = SWING_RATIO
-    trusted_share: float = 0.5
-    """Middle share of the stance in which a foot is taken to be on the ground; original."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class GaitState:
-    """State of the gait between ticks."""
-
-    phase: Scalars
-    """Cycles since the start, shape (...)."""
+OFFSET = Constant([0.05, 0.05, -0.40, -0.40])
+"""Phase of each leg at the start [cycles]; original."""
+STANCE_RATIO = 1.0 - SWING_RATIO
+TRUSTED_SHARE = 0.5
+"""Middle share of the stance in which a foot is taken to be on the ground; original."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,35 +51,34 @@ def standing(batch: tuple[int, ...], like: Array) -> GaitSignal:
     )
 
 
-class Gait:
-    """Advances the phase and reads the schedule from it."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GaitState:
+    """State of the gait between ticks."""
 
-    def __init__(self, config: GaitConfig) -> None:
-        self._offset = Constant(config.offset)
-        self._stance_ratio = 1.0 - config.swing_ratio
-        self._swing_ratio = config.swing_ratio
-        self._untrusted = 0.5 * (1.0 - config.trusted_share)
+    phase: Scalars
+    """Cycles since the start, shape (...)."""
 
-    def advance(self, state: GaitState, frequency: Scalars, dt_s: float) -> GaitState:
-        """One tick with the stepping frequency [Hz], shape (...)."""
-        return GaitState(phase=state.phase + frequency * dt_s)
+    def advanced(self, frequency: Scalars, dt_s: float) -> "GaitState":
+        """The state one tick later, with the stepping frequency [Hz], shape (...)."""
+        return GaitState(phase=self.phase + frequency * dt_s)
 
-    def read(self, state: GaitState, frequency: Scalars) -> GaitSignal:
+    def read(self, frequency: Scalars) -> GaitSignal:
         """The schedule at the present phase."""
-        xp = namespace(state.phase)
-        leg_phase = state.phase[..., None] + self._offset.like(state.phase)
+        xp = namespace(self.phase)
+        leg_phase = self.phase[..., None] + OFFSET.like(self.phase)
         fraction = leg_phase - xp.floor(leg_phase)
         waiting = leg_phase < 0.0
-        stance = fraction < self._stance_ratio
+        stance = fraction < STANCE_RATIO
         contact = stance | waiting
-        in_stance = fraction * (1.0 / self._stance_ratio)
-        in_swing = (fraction - self._stance_ratio) * (1.0 / self._swing_ratio)
+        in_stance = fraction * (1.0 / STANCE_RATIO)
+        in_swing = (fraction - STANCE_RATIO) * (1.0 / SWING_RATIO)
         progress = xp.where(stance, in_stance, xp.where(waiting, xp.zeros_like(fraction), in_swing))
-        middle = stance & (in_stance >= self._untrusted) & (in_stance <= 1.0 - self._untrusted)
+        untrusted = 0.5 * (1.0 - TRUSTED_SHARE)
+        middle = stance & (in_stance >= untrusted) & (in_stance <= 1.0 - untrusted)
         return GaitSignal(
             contact=contact,
             progress=progress,
             trusted=middle | waiting,
-            cycle=xp.floor(state.phase),
-            stance_duration=self._stance_ratio / frequency,
+            cycle=xp.floor(self.phase),
+            stance_duration=STANCE_RATIO / frequency,
         )

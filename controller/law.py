@@ -7,7 +7,7 @@ itself turns the robot back to `Reference.heading` with a yaw rate proportional 
 asks for no lateral velocity.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,11 +25,11 @@ from saltus.arrays import (
 )
 from saltus.constants import PHYSICS_DT
 from saltus.controller.compensation import Compensation
-from saltus.controller.feedback import FeedbackConfig, SpeedBrake, VelocityFeedback
-from saltus.controller.gait import Gait, GaitConfig, GaitSignal, GaitState
+from saltus.controller.feedback import SpeedBrake, VelocityFeedback
+from saltus.controller.gait import GaitSignal, GaitState
 from saltus.controller.signals import Reference, YawFrameBody, observe
-from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceSolver
-from saltus.controller.swing import SwingConfig, SwingLegs
+from saltus.controller.stance import ExactSolver, StanceLegs, StanceSolver
+from saltus.controller.swing import SwingLegs
 from saltus.joint_command import JointCommand
 from saltus.robots.legs import LegKinematics
 from saltus.robots.resting_poses import RestingPoses
@@ -41,31 +41,25 @@ _STANDING = (ControllerMode.STAND, ControllerMode.STOPPED, ControllerMode.LIE)
 _MOVING = (ControllerMode.RUN, ControllerMode.COAST)
 
 
-@dataclass(frozen=True, kw_only=True)
-class LegControllerConfig:
-    """Numbers of the law that are no robot's."""
+# Numbers of the law that are no robot's
+VELOCITY_STEP = Constant([1.0, 1.0, np.inf])
+"""References are not taken to be further from the present velocity than this, yaw frame [m/s].
 
-    gait: GaitConfig = field(default_factory=GaitConfig)
-    swing: SwingConfig = field(default_factory=SwingConfig)
-    stance: StanceConfig = field(default_factory=StanceConfig)
-    feedback: FeedbackConfig = field(default_factory=FeedbackConfig)
-    velocity_step: tuple[float, float, float] = (1.0, 1.0, np.inf)
-    """References are not taken to be further from the present velocity than this, yaw frame [m/s].
-
-    Original.
-    """
-    yaw_rate_step: float = 1.0
-    """The same for the yaw rate [rad/s]; original."""
-    heading_gain: float = 1.0
-    """Yaw rate by heading error [1/s]: with the yaw gain of 10 1/s in stance this is far from
-    oscillating."""
-    stand_blend_s: float = 1.0
-    """Time from the present pose to the standing pose; the original takes 1.5 s from the floor."""
-    landing_frequency_hz: float = 2.0
-    """Slowest stepping while landing: a flight phase is over within 0.3 s."""
-    settled_speed_mps: float = 0.3
-    """A landing is over below this speed: v^2 / 2g = 5 mm of height, which the standing joints take
-    up."""
+Original.
+"""
+ANGULAR_STEP = Constant([np.inf, np.inf, 1.0])
+"""The same for angular velocities [rad/s]; original."""
+HEADING_GAIN = 1.0
+"""Yaw rate by heading error [1/s]: with the yaw gain of 10 1/s in stance this is far from
+oscillating."""
+STAND_BLEND_S = 1.0
+"""Time from the present pose to the standing pose; the original takes 1.5 s from the floor."""
+LANDING_FREQUENCY_HZ = 2.0
+"""Slowest stepping while landing: a flight phase is over within 0.3 s."""
+SETTLED_SPEED_MPS = 0.3
+"""A landing is over below this speed: v^2 / 2g = 5 mm of height, which the standing joints take
+up."""
+_YAW_AXIS = Constant([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -114,23 +108,17 @@ class LegController:
     def __init__(
         self,
         robot: Robot,
-        config: LegControllerConfig | None = None,
         solver: StanceSolver | None = None,
         compensation: Compensation | None = None,
     ) -> None:
-        self.config = config or LegControllerConfig()
         self._robot, self._gains, self._legs = robot, robot.gains, LegKinematics(robot)
         self._poses = RestingPoses(robot)
-        self._gait = Gait(self.config.gait)
-        self._swing = SwingLegs(robot, self.config.swing)
-        self._stance = StanceLegs(robot, self.config.stance)
-        self._solver = solver or ExactSolver(robot, self.config.stance)
+        self._swing = SwingLegs(robot)
+        self._stance = StanceLegs(robot)
+        self._solver = solver or ExactSolver(robot)
         self._compensation = compensation
-        self._feedback = VelocityFeedback(robot, self.config.feedback)
+        self._feedback = VelocityFeedback(robot)
         self._brake = SpeedBrake(robot)
-        self._velocity_step = Constant(self.config.velocity_step)
-        self._angular_step = Constant([np.inf, np.inf, self.config.yaw_rate_step])
-        self._yaw_axis = Constant([0.0, 0.0, 1.0])
 
     def init(self, batch: tuple[int, ...], like: Array) -> LawState:
         """State of robots that stand at the start of a gait.
@@ -193,7 +181,7 @@ class LegController:
         energy = xp.sum(body.velocity * body.velocity, axis=-1) + 0.01 * xp.sum(
             body.angular_velocity * body.angular_velocity, axis=-1
         )
-        return xp.all(state.landed, axis=-1) & (energy < self.config.settled_speed_mps**2)
+        return xp.all(state.landed, axis=-1) & (energy < SETTLED_SPEED_MPS**2)
 
     def _entered(
         self, state: LawState, mode: ControllerMode, sensed: Proprioception, body: YawFrameBody
@@ -227,8 +215,8 @@ class LegController:
     def _run(
         self, reference: Reference, sensed: Proprioception, body: YawFrameBody, state: LawState
     ) -> tuple[JointCommand, LawState, Diagnostics]:
-        gait = self._gait.advance(state.gait, reference.stepping_frequency, PHYSICS_DT)
-        signal = self._gait.read(gait, reference.stepping_frequency)
+        gait = state.gait.advanced(reference.stepping_frequency, PHYSICS_DT)
+        signal = gait.read(reference.stepping_frequency)
         state = replace(
             state,
             gait=gait,
@@ -248,12 +236,11 @@ class LegController:
         follow a slope.
         """
         xp = namespace(body.roll)
-        config = self.config
         frequency = xp.maximum(
-            reference.stepping_frequency, xp.zeros_like(body.roll) + config.landing_frequency_hz
+            reference.stepping_frequency, xp.zeros_like(body.roll) + LANDING_FREQUENCY_HZ
         )
-        gait = self._gait.advance(state.gait, frequency, PHYSICS_DT)
-        signal = self._gait.read(gait, frequency)
+        gait = state.gait.advanced(frequency, PHYSICS_DT)
+        signal = gait.read(frequency)
         landed = state.landed | signal.contact
         signal = replace(signal, contact=landed, trusted=landed & (signal.trusted | state.landed))
 
@@ -327,9 +314,9 @@ class LegController:
         xp = namespace(body.roll)
         error = body.yaw - reference.heading
         error = error - 2.0 * np.pi * xp.round(error * (0.5 / np.pi))
-        yaw_rate = -self.config.heading_gain * error
-        wanted = reference.angular_velocity + yaw_rate[..., None] * self._yaw_axis.like(error)
-        step, angular_step = self._velocity_step.like(error), self._angular_step.like(error)
+        yaw_rate = -HEADING_GAIN * error
+        wanted = reference.angular_velocity + yaw_rate[..., None] * _YAW_AXIS.like(error)
+        step, angular_step = VELOCITY_STEP.like(error), ANGULAR_STEP.like(error)
         velocity = xp.clip(reference.velocity, body.velocity - step, body.velocity + step)
         return velocity, xp.clip(
             wanted, body.angular_velocity - angular_step, body.angular_velocity + angular_step
@@ -338,7 +325,7 @@ class LegController:
     def _stand(self, sensed: Proprioception, state: LawState) -> JointCommand:
         xp = namespace(sensed.joint_position)
         measured = sensed.joint_position
-        share = smooth_step((state.mode_time_s + PHYSICS_DT) / self.config.stand_blend_s)
+        share = smooth_step((state.mode_time_s + PHYSICS_DT) / STAND_BLEND_S)
         zero = xp.zeros_like(measured)
         return JointCommand(
             position=state.blend_from + share * (state.rest - state.blend_from),
@@ -364,7 +351,7 @@ class LegController:
             contact=down,
             progress=xp.zeros_like(body.foot_yaw[..., 0]),
             trusted=down,
-            cycle=self._gait.read(state.gait, zero + 1.0).cycle,
+            cycle=state.gait.read(zero + 1.0).cycle,
             stance_duration=zero,
         )
         return self._without_plan(body, replace(state, landed=down), signal)

@@ -16,7 +16,7 @@ from saltus.controller.robot.backend import Reading
 from saltus.controller.signals import Reference, reference_of
 from saltus.controller.tick import Acting, Tick
 from saltus.controller.tracking import Tracking
-from saltus.controller.watchdog import WatchdogConfig, WatchdogInput, WatchdogState, watch
+from saltus.controller.watchdog import WatchdogInput, WatchdogState, watch
 from saltus.errors import SaltusError
 from saltus.joint_command import JointCommand
 from saltus.plan import REST, plan_message, plan_of
@@ -55,7 +55,6 @@ class ControlLoop:
         self._robot, self._tick = robot, tick or Tick(robot)
         self._rise_ticks = round(RISE_S / PHYSICS_DT) if rises else 0
         self._start: Floats | None = None
-        self._watchdog = WatchdogConfig()
         self._estimate = self._tick.estimator.init((), robot.stand_pose)
         self._law_state = self._tick.law.init((), robot.stand_pose)
         self._watch = WatchdogState()
@@ -120,7 +119,6 @@ class ControlLoop:
                 may_start=(self._ticks - self._rise_ticks) * PHYSICS_DT >= FIRST_STAND_S,
             ),
             PHYSICS_DT,
-            self._watchdog,
         )
         return self._logged(reading, self._step_law(plan))
 

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from saltus.controller.watchdog import WatchdogConfig
+from saltus.controller.watchdog import LOST_AGE_S
 from saltus.runtime.process import ProcessContext
 from saltus.wire.messages import AnyPlan, PlanStatus
 
@@ -12,7 +12,6 @@ class Plans:
 
     def __init__(self, context: ProcessContext) -> None:
         self._context = context
-        self._lost_age_s = WatchdogConfig().lost_age_s
         self._slots = [context.bus.latest(topic) for topic in context.config.plan_topics]
         self._plan: AnyPlan | None = None
         self._standing: AnyPlan | None = None
@@ -37,7 +36,7 @@ class Plans:
         """
         self.take()
         age_s = self._age_s(now_ns)
-        lost = self._plan is not None and age_s > self._lost_age_s
+        lost = self._plan is not None and age_s > LOST_AGE_S
         if lost != self._lost:
             self._lost = lost
             self._context.event(

@@ -35,31 +35,22 @@ from saltus.robots.robot import Robot
 from saltus.robots.similarity import Similarity
 from saltus.rotations import SKEW
 
-
-@dataclass(frozen=True, kw_only=True)
-class StanceConfig:
-    """Weights and gains of the stance legs, for a robot of the reference's size (`Similarity`);
-    original.
-    """
-
-    acceleration_weight: tuple[float, ...] = (1.0, 1.0, 10.0, 10.0, 10.0, 1.0)
-    """U: x, y, z, roll, pitch, yaw."""
-    force_weight: float = 1e-4
-    """V."""
-    friction: float = 0.6
-    roll_kp: float = 50.0
-    """[1/s^2]; pitch and yaw have none."""
-    roll_step_rad: float = 0.2
-    """The roll reference, 0, is not taken to be further from the present roll than this."""
-    linear_kd: tuple[float, float, float] = (10.0, 10.0, 10.0)
-    """[1/s]."""
-    angular_kd: tuple[float, float, float] = (1.0, 10.0, 10.0)
-    """[1/s]."""
-    linear_low: tuple[float, float, float] = (-30.0, -30.0, -10.0)
-    linear_high: tuple[float, float, float] = (30.0, 30.0, 30.0)
-    """Range of the linear reference acceleration, base frame [m/s^2]."""
-    angular_limit: tuple[float, float, float] = (50.0, 50.0, 20.0)
-    """Largest angular reference acceleration, base frame [rad/s^2]."""
+# Weights and gains for a robot of the reference's size (`Similarity`); original.
+ACCELERATION_WEIGHT = (1.0, 1.0, 10.0, 10.0, 10.0, 1.0)
+"""U: x, y, z, roll, pitch, yaw."""
+FORCE_WEIGHT = 1e-4
+"""V."""
+FRICTION = 0.6
+ROLL_KP = 50.0
+"""[1/s^2]; pitch and yaw have none."""
+ROLL_STEP_RAD = 0.2
+"""The roll reference, 0, is not taken to be further from the present roll than this."""
+LINEAR_KD, ANGULAR_KD = (10.0, 10.0, 10.0), (1.0, 10.0, 10.0)
+"""[1/s]."""
+LINEAR_LOW, LINEAR_HIGH = (-30.0, -30.0, -10.0), (30.0, 30.0, 30.0)
+"""Range of the linear reference acceleration, base frame [m/s^2]."""
+ANGULAR_LIMIT = (50.0, 50.0, 20.0)
+"""Largest angular reference acceleration, base frame [rad/s^2]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,8 +74,7 @@ class StanceQP:
 class StanceLegs:
     """Reference acceleration, quadratic program and torques."""
 
-    def __init__(self, robot: Robot, config: StanceConfig) -> None:
-        self.config = config
+    def __init__(self, robot: Robot) -> None:
         size = Similarity.of_robot(robot)
         rate = 1.0 / size.time
         # One foot's (linear, angular) acceleration by force, transposed: [I / m | -[p]x / I],
@@ -95,13 +85,13 @@ class StanceLegs:
         constant[:, :3] = np.eye(3) / robot.mass
         self._lever = Constant(lever.reshape(3, 18))
         self._constant = Constant(constant)
-        self._weight = Constant(scaled_acceleration_weight(robot, config))
-        self._regular = Constant(scaled_force_weight(robot, config) * np.eye(12))
-        self._gain = Constant(rate * np.array([config.linear_kd, config.angular_kd]))
-        self._roll_gain = Constant([[0.0, 0.0, 0.0], [rate**2 * config.roll_kp, 0.0, 0.0]])
-        angular_limit = np.array(config.angular_limit) / size.length
-        self._low = Constant(np.array([config.linear_low, -angular_limit]))
-        self._high = Constant(np.array([config.linear_high, angular_limit]))
+        self._weight = Constant(scaled_acceleration_weight(robot))
+        self._regular = Constant(scaled_force_weight(robot) * np.eye(12))
+        self._gain = Constant(rate * np.array([LINEAR_KD, ANGULAR_KD]))
+        self._roll_gain = Constant([[0.0, 0.0, 0.0], [rate**2 * ROLL_KP, 0.0, 0.0]])
+        angular_limit = np.array(ANGULAR_LIMIT) / size.length
+        self._low = Constant(np.array([LINEAR_LOW, -angular_limit]))
+        self._high = Constant(np.array([LINEAR_HIGH, angular_limit]))
         self._up = Constant([[GRAVITY], [0.0]])
         self._torque_limit = Constant(robot.torque_limit)
 
@@ -117,7 +107,7 @@ class StanceLegs:
         """
         xp = namespace(velocity)
         error = xp.stack([velocity - body.velocity, angular_velocity - body.angular_velocity], -2)
-        step = self.config.roll_step_rad
+        step = ROLL_STEP_RAD
         roll = xp.clip(body.roll, -step, step)[..., None, None]
         acceleration = error * self._gain.like(velocity) - roll * self._roll_gain.like(velocity)
         return xp.clip(
@@ -165,17 +155,17 @@ class StanceLegs:
         return xp.clip(torque, -limit, limit)
 
 
-def scaled_acceleration_weight(robot: Robot, config: StanceConfig) -> Floats:
+def scaled_acceleration_weight(robot: Robot) -> Floats:
     """U for a robot, shape (6,): where legs are longer,
     angular accelerations are smaller, and count as much.
     """
-    linear, angular = np.array(config.acceleration_weight).reshape(2, 3)
+    linear, angular = np.array(ACCELERATION_WEIGHT).reshape(2, 3)
     return np.concatenate([linear, angular * Similarity.of_robot(robot).length ** 2])
 
 
-def scaled_force_weight(robot: Robot, config: StanceConfig) -> float:
+def scaled_force_weight(robot: Robot) -> float:
     """V for a robot: forces are as many times those of the reference as masses are."""
-    return config.force_weight / Similarity.of_robot(robot).mass ** 2
+    return FORCE_WEIGHT / Similarity.of_robot(robot).mass ** 2
 
 
 class StanceSolver(Protocol):
@@ -192,13 +182,11 @@ class ExactSolver:
     Legs in the air are eliminated first.
     """
 
-    def __init__(self, robot: Robot, config: StanceConfig) -> None:
+    def __init__(self, robot: Robot) -> None:
         import daqp  # here, because training with another solver runs where it is not installed
 
         self._daqp = daqp.solve
-        self._constraints = [
-            _constraints(feet, robot.foot_force, config.friction) for feet in range(5)
-        ]
+        self._constraints = [_constraints(feet, robot.foot_force, FRICTION) for feet in range(5)]
         self._columns = [_columns(pattern) for pattern in range(16)]
         self._square = [(12 * c[:, None] + c).reshape(-1) for c in self._columns]
 

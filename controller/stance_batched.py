@@ -14,7 +14,7 @@ Reference: S. Boyd et al., "Distributed Optimization and Statistical Learning vi
 
 from saltus.arrays import Array, Constant, JointMatrices, Joints, Levers, namespace
 from saltus.controller.stance import (
-    StanceConfig,
+    FRICTION,
     StanceQP,
     scaled_acceleration_weight,
     scaled_force_weight,
@@ -34,16 +34,12 @@ class BatchedSolver:
     numpy or torch, float32 or float64; `steps` of ADMM.
     """
 
-    def __init__(
-        self, robot: Robot, config: StanceConfig | None = None, steps: int = STEPS
-    ) -> None:
-        config = config or StanceConfig()
+    def __init__(self, robot: Robot, steps: int = STEPS) -> None:
         self._steps = steps
-        self._friction = config.friction
         self._low, self._high = robot.foot_force
         self._spring = SPRING / Similarity.of_robot(robot).mass ** 2
-        self._diagonal = scaled_force_weight(robot, config) + self._spring
-        self._root_weight = Constant([w**0.5 for w in scaled_acceleration_weight(robot, config)])
+        self._diagonal = scaled_force_weight(robot) + self._spring
+        self._root_weight = Constant([w**0.5 for w in scaled_acceleration_weight(robot)])
         self._identity6 = Constant([[float(i == j) for j in range(6)] for i in range(6)])
         self._identity12 = Constant([[float(i == j) for j in range(12)] for i in range(12)])
 
@@ -87,7 +83,7 @@ class BatchedSolver:
     def _project(self, force: Joints, standing: Joints) -> Joints:
         """The nearest forces that friction and limits allow; 0 for feet in the air."""
         xp = namespace(force)
-        mu = self._friction
+        mu = FRICTION
         feet = force.reshape((*force.shape[:-1], 4, 3))
         sides, z = feet[..., :2], feet[..., 2]
         size = xp.abs(sides)

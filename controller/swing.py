@@ -5,8 +5,6 @@ cubic segments that meet at half time. The nominal path stays at ground height: 
 from the residual. Source: paper ("Gait Generation and Swing Leg Control"); numbers: original.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from saltus.arrays import Constant, Joints, Legs, PerLeg, Scalars, namespace, smooth_step
@@ -16,15 +14,10 @@ from saltus.footholds import Footholds
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 
-
-@dataclass(frozen=True, kw_only=True)
-class SwingConfig:
-    """Clips of the swing legs; original."""
-
-    joint_margin_rad: float = 1e-3
-    """Distance that targets keep from the joint limits."""
-    joint_step_rad: float = 0.5
-    """Distance that targets keep to the present joint angle."""
+JOINT_MARGIN_RAD = 1e-3
+"""Distance that targets keep from the joint limits; original."""
+JOINT_STEP_RAD = 0.5
+"""Distance that targets keep to the present joint angle; original."""
 
 
 class SwingLegs:
@@ -33,20 +26,19 @@ class SwingLegs:
     Computed for all legs, used where they swing.
     """
 
-    def __init__(self, robot: Robot, config: SwingConfig) -> None:
+    def __init__(self, robot: Robot) -> None:
         x, y = robot.neutral_foot
         low, high = robot.swing_foot_z
         self._legs = LegKinematics(robot)
         self._footholds = Footholds(robot)
-        self.config = config
         self._hip = Constant([[x, -y, 0.0], [x, y, 0.0], [-x, -y, 0.0], [-x, y, 0.0]])
         self._landing_limit = Constant([*robot.landing_reach, 0.0])
         self._horizontal = Constant([1.0, 1.0, 0.0])
         self._down = Constant([0.0, 0.0, -1.0])
         self._foot_low = Constant([-np.inf, -np.inf, low])
         self._foot_high = Constant([np.inf, np.inf, high])
-        self._joint_low = Constant(robot.joint_lower + config.joint_margin_rad)
-        self._joint_high = Constant(robot.joint_upper - config.joint_margin_rad)
+        self._joint_low = Constant(robot.joint_lower + JOINT_MARGIN_RAD)
+        self._joint_high = Constant(robot.joint_upper - JOINT_MARGIN_RAD)
 
     def nominal_path(
         self,
@@ -104,5 +96,5 @@ class SwingLegs:
             self._joint_low.like(target),
             self._joint_high.like(target),
         )
-        step = self.config.joint_step_rad
+        step = JOINT_STEP_RAD
         return xp.minimum(xp.maximum(angles, joint_position - step), joint_position + step)

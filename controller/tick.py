@@ -15,7 +15,7 @@ from saltus.controller.braking import Braking, BrakingState
 from saltus.controller.compensation import Compensation
 from saltus.controller.estimator import Estimator, EstimatorState
 from saltus.controller.gait import GaitSignal, standing
-from saltus.controller.law import LawState, LegController, LegControllerConfig
+from saltus.controller.law import LawState, LegController
 from saltus.controller.signals import Reference, reference_of
 from saltus.controller.stance import ExactSolver, StanceQP, StanceSolver
 from saltus.joint_command import JointCommand
@@ -186,7 +186,7 @@ class NotedSolver(ExactSolver):
     """
 
     def __init__(self, robot: Robot) -> None:
-        super().__init__(robot, LegControllerConfig().stance)
+        super().__init__(robot)
         self._upper = np.triu_indices(12)
         places = np.zeros((12, 12), dtype=np.intp)
         places[self._upper] = np.arange(78)

@@ -11,23 +11,19 @@ from saltus.wire.topics import TOPICS
 _AT_REST = (ControllerMode.STAND, ControllerMode.LIE)
 
 
-@dataclass(frozen=True, kw_only=True)
-class WatchdogConfig:
-    """Limits."""
-
-    coast_age_s: float = 0.030
-    """Two plans of 10 ms lost and the third late."""
-    lost_age_s: float = TOPICS["policy/plan"].invalid_age_s
-    """The planner is gone."""
-    tilt_limit_rad: float = radians(60.0)
-    """Beyond this a robot is not upright: the definition of a failed trial."""
-    rise_s: float = 1.0
-    """A robot that lay goes after this at the soonest: the time in which it gets up
-    (`LegControllerConfig.stand_blend_s`)."""
-    landing_limit_s: float = 1.1
-    """A landing is over after this at the latest, and so 1.2 s after the planner has gone. From 1.8
-    m/s the robot brakes with one or two contacts of each pair of legs before sprung legs catch it:
-    it does not jump on, but no single contact could stop it."""
+COAST_AGE_S = 0.030
+"""Two plans of 10 ms lost and the third late."""
+LOST_AGE_S = TOPICS["policy/plan"].invalid_age_s
+"""The planner is gone."""
+TILT_LIMIT_RAD = radians(60.0)
+"""Beyond this a robot is not upright: the definition of a failed trial."""
+RISE_S = 1.0
+"""A robot that lay goes after this at the soonest: the time in which it gets up
+(`saltus.controller.law.STAND_BLEND_S`)."""
+LANDING_LIMIT_S = 1.1
+"""A landing is over after this at the latest, and so 1.2 s after the planner has gone. From 1.8 m/s
+the robot brakes with one or two contacts of each pair of legs before sprung legs catch it: it does
+not jump on, but no single contact could stop it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,9 +59,7 @@ class WatchdogState:
     """It lies, or gets up."""
 
 
-def watch(
-    state: WatchdogState, now: WatchdogInput, dt_s: float, config: WatchdogConfig | None = None
-) -> WatchdogState:
+def watch(state: WatchdogState, now: WatchdogInput, dt_s: float) -> WatchdogState:
     """One tick: the next state. STOPPED and DAMP are latched; DAMP wins over everything.
 
     STAND -> RUN on a fresh GO, -> WALK where its plan is of joint targets, -> LIE on a fresh LIE.
@@ -75,31 +69,28 @@ def watch(
     fault, else STAND. A plan that is lost or says STOP while the robot stands or lies changes
     nothing: it already does the safe thing.
     """
-    config = config or WatchdogConfig()
-    mode, fault = _decide(state, now, config)
+    mode, fault = _decide(state, now)
     time_s = state.mode_time_s + dt_s if mode == state.mode else 0.0
     lay = mode == ControllerMode.LIE or (
-        state.lay and mode == ControllerMode.STAND and time_s < config.rise_s
+        state.lay and mode == ControllerMode.STAND and time_s < RISE_S
     )
     return WatchdogState(mode=mode, mode_time_s=time_s, fault=fault, lay=lay)
 
 
-def _decide(
-    state: WatchdogState, now: WatchdogInput, config: WatchdogConfig
-) -> tuple[ControllerMode, bool]:
-    if state.mode == ControllerMode.DAMP or not _upright(now, config):
+def _decide(state: WatchdogState, now: WatchdogInput) -> tuple[ControllerMode, bool]:
+    if state.mode == ControllerMode.DAMP or not _upright(now):
         return ControllerMode.DAMP, True
     if state.mode == ControllerMode.STOPPED:
         return ControllerMode.STOPPED, True
     # Written so that an age that is not a number counts as lost.
-    lost = not now.plan_age_s <= config.lost_age_s or now.plan_status == PlanStatus.STOP
+    lost = not now.plan_age_s <= LOST_AGE_S or now.plan_status == PlanStatus.STOP
     if state.mode in _AT_REST:
-        fresh = now.plan_age_s <= config.coast_age_s and now.may_start
+        fresh = now.plan_age_s <= COAST_AGE_S and now.may_start
         rises = state.lay and state.mode == ControllerMode.STAND
         return (_from_rest(state.mode, now) if fresh and not rises else state.mode), False
     if state.mode == ControllerMode.LANDING:
         fault = state.fault or lost
-        if now.settled or state.mode_time_s >= config.landing_limit_s:
+        if now.settled or state.mode_time_s >= LANDING_LIMIT_S:
             return (ControllerMode.STOPPED if fault else ControllerMode.STAND), fault
         return ControllerMode.LANDING, fault
     if lost:
@@ -108,7 +99,7 @@ def _decide(
         stands = state.mode == ControllerMode.WALK and now.settled
         return (ControllerMode.STAND if stands else ControllerMode.LANDING), False
     go = ControllerMode.WALK if now.walks else ControllerMode.RUN
-    return (go if now.plan_age_s <= config.coast_age_s else ControllerMode.COAST), False
+    return (go if now.plan_age_s <= COAST_AGE_S else ControllerMode.COAST), False
 
 
 def _from_rest(mode: ControllerMode, now: WatchdogInput) -> ControllerMode:
@@ -120,7 +111,7 @@ def _from_rest(mode: ControllerMode, now: WatchdogInput) -> ControllerMode:
     return {PlanStatus.GO: go, PlanStatus.LIE: ControllerMode.LIE}.get(status, mode)
 
 
-def _upright(now: WatchdogInput, config: WatchdogConfig) -> bool:
+def _upright(now: WatchdogInput) -> bool:
     if not (now.finite and isfinite(now.roll) and isfinite(now.pitch)):
         return False
-    return abs(now.roll) <= config.tilt_limit_rad and abs(now.pitch) <= config.tilt_limit_rad
+    return abs(now.roll) <= TILT_LIMIT_RAD and abs(now.pitch) <= TILT_LIMIT_RAD

@@ -236,9 +236,6 @@ def _table(
     of_camera = next(sensor.effects for sensor in SENSORS if sensor.name == "camera")
     if camera is None or not set(members) <= set(of_camera):
         return table
-    from saltus.real2sim.experiments.footage import FootageCamera
-    from saltus.real2sim.experiments.next_experiment import measure
-
     seeing = [name for name, experiment in EXPERIMENTS.items() if experiment.camera]
     return {
         name: Separations(**measure(EXPERIMENTS[name], robot, FootageCamera.of(camera)))

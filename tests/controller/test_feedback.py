@@ -3,11 +3,11 @@ from dataclasses import replace
 import numpy as np
 from samples import KINEMATICS, ROBOT
 
-from saltus.controller.feedback import FeedbackConfig, SpeedBrake, VelocityFeedback
+from saltus.controller.feedback import SpeedBrake, VelocityFeedback
 from saltus.controller.signals import observe
 from saltus.joint_command import JointCommand
 
-FEEDBACK = VelocityFeedback(ROBOT, FeedbackConfig())
+FEEDBACK = VelocityFeedback(ROBOT)
 
 
 def test_feet_of_a_body_at_its_reference_stand_still_in_the_world(draw):

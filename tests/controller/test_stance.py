@@ -7,14 +7,20 @@ from samples import KINEMATICS, ROBOT
 
 from benchmarks.qp import independent, row
 from saltus.controller.signals import Reference, YawFrameBody, observe
-from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
+from saltus.controller.stance import (
+    ACCELERATION_WEIGHT,
+    FORCE_WEIGHT,
+    FRICTION,
+    ExactSolver,
+    StanceLegs,
+    StanceQP,
+)
 from saltus.robots.robot import Robot
 from saltus.robots.similarity import Similarity
 from saltus.states import standing_state
 
-CONFIG = StanceConfig()
-STANCE = StanceLegs(ROBOT, CONFIG)
-SOLVER = ExactSolver(ROBOT, CONFIG)
+STANCE = StanceLegs(ROBOT)
+SOLVER = ExactSolver(ROBOT)
 PROBLEMS = 1000
 
 
@@ -45,7 +51,7 @@ def test_forces_obey_schedule_cone_and_limits(problems):
     low, high = ROBOT.foot_force
     assert (standing[:, 2] >= low - 1e-6).all()
     assert (standing[:, 2] <= high + 1e-6).all()
-    assert (np.abs(standing[:, :2]) <= CONFIG.friction * standing[:, 2:] + 1e-6).all()
+    assert (np.abs(standing[:, :2]) <= FRICTION * standing[:, 2:] + 1e-6).all()
 
 
 def test_problem_is_the_tracking_cost(problems, draw):
@@ -54,11 +60,9 @@ def test_problem_is_the_tracking_cost(problems, draw):
     quadratic = 0.5 * np.sum(force * (qp.hessian @ force[..., None])[..., 0], -1) + np.sum(
         qp.gradient * force, -1
     )
-    weight = np.asarray(CONFIG.acceleration_weight)
+    weight = np.asarray(ACCELERATION_WEIGHT)
     constant = 0.5 * np.sum(qp.target**2 * weight, -1)
-    cost = 0.5 * STANCE.tracking_cost(qp, force) ** 2 + 0.5 * CONFIG.force_weight * np.sum(
-        force**2, -1
-    )
+    cost = 0.5 * STANCE.tracking_cost(qp, force) ** 2 + 0.5 * FORCE_WEIGHT * np.sum(force**2, -1)
     np.testing.assert_allclose(quadratic + constant, cost, rtol=1e-9)
 
 
@@ -124,6 +128,6 @@ def test_forces_of_a_robot_of_another_size_grow_with_its_mass(draw):
 
 
 def _forces(robot: Robot, plan: Reference, body: YawFrameBody, contact: np.ndarray) -> np.ndarray:
-    legs = StanceLegs(robot, CONFIG)
+    legs = StanceLegs(robot)
     acceleration = legs.acceleration_reference(body, plan.velocity, plan.angular_velocity)
-    return ExactSolver(robot, CONFIG).solve(legs.build_qp(body, acceleration, contact))
+    return ExactSolver(robot).solve(legs.build_qp(body, acceleration, contact))

@@ -6,13 +6,19 @@ import torch
 from samples import KINEMATICS, ROBOT
 
 from saltus.controller.signals import observe
-from saltus.controller.stance import ExactSolver, StanceConfig, StanceLegs, StanceQP
+from saltus.controller.stance import (
+    ACCELERATION_WEIGHT,
+    FORCE_WEIGHT,
+    FRICTION,
+    ExactSolver,
+    StanceLegs,
+    StanceQP,
+)
 from saltus.controller.stance_batched import BatchedSolver, invert
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.states import standing_state
 
-CONFIG = StanceConfig()
-LEGS = StanceLegs(ROBOT, CONFIG)
+LEGS = StanceLegs(ROBOT)
 PATTERNS = np.array([[1, 1, 0, 0], [0, 0, 1, 1], [1, 1, 1, 1]], dtype=bool)
 
 
@@ -43,33 +49,33 @@ def demands(count, seed):
 
 def clipped_closed_form(qp):
     """The original's: solve without constraints, clip fz, scale fx and fy."""
-    root = np.sqrt(np.array(CONFIG.acceleration_weight))
+    root = np.sqrt(np.array(ACCELERATION_WEIGHT))
     A = (qp.model * root).swapaxes(-1, -2) * np.repeat(qp.contact, 3, -1)[:, None]
     right = A.swapaxes(-1, -2) @ (qp.target * root)[..., None]
-    force = np.linalg.solve(
-        A.swapaxes(-1, -2) @ A + CONFIG.force_weight * np.eye(12), right
-    ).reshape(-1, 4, 3)
+    force = np.linalg.solve(A.swapaxes(-1, -2) @ A + FORCE_WEIGHT * np.eye(12), right).reshape(
+        -1, 4, 3
+    )
     fz = np.clip(force[..., 2], *ROBOT.foot_force) * qp.contact
     norm = np.linalg.norm(force[..., :2], axis=-1) + 1e-3
-    scale = np.minimum(1.0, CONFIG.friction * fz / norm)
+    scale = np.minimum(1.0, FRICTION * fz / norm)
     return np.concatenate([force[..., :2] * scale[..., None], fz[..., None]], -1).reshape(-1, 12)
 
 
 @pytest.mark.parametrize("steps", [0, 1, 16])
 def test_friction_and_force_limits_hold_whatever_the_number_of_steps(steps):
     qp = demands(500, seed=1)
-    force = BatchedSolver(ROBOT, CONFIG, steps).solve(qp).reshape(-1, 4, 3)
+    force = BatchedSolver(ROBOT, steps).solve(qp).reshape(-1, 4, 3)
     low, high = ROBOT.foot_force
     standing = force[qp.contact]
     assert (force[~qp.contact] == 0.0).all()
     assert (standing[:, 2] >= low - 1e-9).all()
     assert (standing[:, 2] <= high + 1e-9).all()
-    assert (np.abs(standing[:, :2]) <= CONFIG.friction * standing[:, 2:] + 1e-9).all()
+    assert (np.abs(standing[:, :2]) <= FRICTION * standing[:, 2:] + 1e-9).all()
 
 
 def test_cost_is_near_that_of_the_exact_solution():
     qp = demands(1000, seed=2)
-    exact = ExactSolver(ROBOT, CONFIG).solve(qp)
+    exact = ExactSolver(ROBOT).solve(qp)
 
     def excess(force):
         return np.percentile(
@@ -77,7 +83,7 @@ def test_cost_is_near_that_of_the_exact_solution():
         )
 
     batched, clipped = (
-        excess(BatchedSolver(ROBOT, CONFIG).solve(qp)),
+        excess(BatchedSolver(ROBOT).solve(qp)),
         excess(clipped_closed_form(qp)),
     )
     assert batched[0] < 0.2  # of costs of which the median is 40
@@ -87,10 +93,9 @@ def test_cost_is_near_that_of_the_exact_solution():
 
 def test_more_steps_bring_it_to_the_exact_forces():
     qp = demands(100, seed=3)
-    exact = ExactSolver(ROBOT, CONFIG).solve(qp)
+    exact = ExactSolver(ROBOT).solve(qp)
     error = [
-        np.abs(BatchedSolver(ROBOT, CONFIG, steps).solve(qp) - exact).max(-1)
-        for steps in (16, 200, 3000)
+        np.abs(BatchedSolver(ROBOT, steps).solve(qp) - exact).max(-1) for steps in (16, 200, 3000)
     ]
     assert np.median(error[1]) < np.median(error[0])
     assert np.median(error[2]) < 1e-3
@@ -107,7 +112,7 @@ def test_torch_in_single_precision_agrees_with_numpy():
         target=torch.tensor(qp.target, dtype=torch.float32),
         **single,
     )
-    solver = BatchedSolver(ROBOT, CONFIG)
+    solver = BatchedSolver(ROBOT)
     np.testing.assert_allclose(solver.solve(given), solver.solve(qp), atol=0.05)
 
 

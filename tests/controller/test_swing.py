@@ -3,9 +3,9 @@ import pytest
 from samples import KINEMATICS, ROBOT
 
 from saltus.controller.signals import observe
-from saltus.controller.swing import SwingConfig, SwingLegs
+from saltus.controller.swing import SwingLegs
 
-SWING = SwingLegs(ROBOT, SwingConfig())
+SWING = SwingLegs(ROBOT)
 ROBOTS = 200
 
 

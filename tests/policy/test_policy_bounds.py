@@ -7,7 +7,7 @@ import pytest
 from samples import KINEMATICS, ROBOT
 
 from saltus.controller.signals import YawFrameBody, observe
-from saltus.controller.swing import SwingConfig, SwingLegs
+from saltus.controller.swing import SwingLegs
 from saltus.policy.bounds import ACTIONS, ActionBounds, plan_from_values, values_of
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.states import standing_state
@@ -30,7 +30,7 @@ def highest_sole(lift: float, base_height: float, pitch: float) -> float:
     """Height of a front sole over the ground of the feet in stance,
     after the joints have followed their target.
     """
-    robot, swing, joints = body(pitch), SwingLegs(ROBOT, SwingConfig()), ROBOT.stand_pose[None]
+    robot, swing, joints = body(pitch), SwingLegs(ROBOT), ROBOT.stand_pose[None]
     height = np.array([base_height])
     path = swing.nominal_path(robot, robot.foot_yaw, np.full((1, 4), 0.6), np.array([0.2]), height)
     for _ in range(12):  # a tick moves a joint's target by 0.5 rad at most

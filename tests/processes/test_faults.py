@@ -20,7 +20,7 @@ from benchmarks._judgement import (
 )
 from benchmarks._kills import ON_FLAT_GROUND, kill_during_run
 from saltus.constants import POLICY_DT
-from saltus.controller.watchdog import WatchdogConfig
+from saltus.controller.watchdog import LOST_AGE_S
 from saltus.errors import StackError
 from saltus.heightmap.service.image_watch import LOSS_MARGIN_S
 from saltus.recordings.recording import Recording, read_recording
@@ -103,9 +103,7 @@ def test_the_robot_goes_on_if_a_standby_is_in_time(
         config, tmp_path, process, after_s, watch_s=0.5, programs=WITH_STANDBYS
     )
     result = judge(recording, process, after_s)
-    assert result.end == "goes on" or result.silence_ms > 1e3 * (
-        WatchdogConfig().lost_age_s - 2.0 * POLICY_DT
-    )
+    assert result.end == "goes on" or result.silence_ms > 1e3 * (LOST_AGE_S - 2.0 * POLICY_DT)
     assert result.stale == 0
 
 

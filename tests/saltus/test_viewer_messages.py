@@ -13,9 +13,9 @@ from recorded import MS, STEPS, TERRAIN, raw, run_messages, run_samples, write
 from samples import KINEMATICS, ROBOT, message_of
 
 from saltus.constants import FORCE_M_PER_N
-from saltus.controller.gait import GaitConfig
+from saltus.controller.gait import STANCE_RATIO
 from saltus.controller.signals import observe, reference_of
-from saltus.controller.swing import SwingConfig, SwingLegs
+from saltus.controller.swing import SwingLegs
 from saltus.footholds import Footholds
 from saltus.grid import SCAN, HeightGrid
 from saltus.plan import plan_of
@@ -271,7 +271,7 @@ def test_planned_feet_are_where_the_leg_controller_swings_them() -> None:
     """For any state and plan: the end of its own path with the plan's residual,
     on the predicted heights.
     """
-    swing, footholds = SwingLegs(ROBOT, SwingConfig()), Footholds(ROBOT)
+    swing, footholds = SwingLegs(ROBOT), Footholds(ROBOT)
     for step in range(STEPS):
         sent: Any = dict(run_messages(step))
         rng = np.random.default_rng(step)
@@ -282,7 +282,7 @@ def test_planned_feet_are_where_the_leg_controller_swings_them() -> None:
             foot_residual_front=rng.normal(size=3), foot_residual_rear=rng.normal(size=3),
         )  # fmt: skip
         body = observe(state, KINEMATICS)
-        stance_s = np.asarray((1.0 - GaitConfig().swing_ratio) / plan.stepping_frequency_hz)
+        stance_s = np.asarray(STANCE_RATIO / plan.stepping_frequency_hz)
         path = swing.nominal_path(
             body, body.foot_yaw, np.ones(4), stance_s, np.asarray(state.base_height)
         )
