@@ -14,12 +14,12 @@ from saltus.depth_camera import DepthCamera
 from saltus.effects.effect import Effect
 from saltus.effects.signals import DepthImage
 from saltus.render.postfilter import DepthUnit, HoleFilling, SpatialFilter, TemporalFilter
-from saltus.render.stereo.disparity_noise import DisparityNoise
 from saltus.render.stereo.edges import FlyingPixels, StereoEdgeHoles
 from saltus.render.stereo.image import ARRAY_WINDOWS, Morphology, depth_of, stereo_image
 from saltus.render.stereo.matching import (
     Background,
     BaselineOcclusion,
+    DisparityNoise,
     DisparityStep,
     SearchRange,
     WeakSignal,

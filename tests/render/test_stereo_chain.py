@@ -20,9 +20,8 @@ from saltus.depth import (
 from saltus.effects.effect import map_arrays
 from saltus.render.camera import RobotCamera
 from saltus.render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
-from saltus.render.stereo.disparity_noise import DisparityNoise
 from saltus.render.stereo.image import ARRAY_WINDOWS
-from saltus.render.stereo.matching import Background
+from saltus.render.stereo.matching import Background, DisparityNoise
 from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled
 from saltus.render.stereo.optics import Optics
 from saltus.render.stereo_embree import StereoEmbree

@@ -11,9 +11,8 @@ from samples import ROBOT
 from saltus.config import TerrainConfig
 from saltus.depth import supersampled_model_camera
 from saltus.render.camera import RobotCamera, camera_pose, ray_directions
-from saltus.render.stereo.doubt import doubtful
 from saltus.render.stereo.optics import Optics
-from saltus.render.stereo_embree import ALONG_RAY, FARTHEST_M, StereoEmbree
+from saltus.render.stereo_embree import ALONG_RAY, FARTHEST_M, StereoEmbree, doubtful
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
