@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from array_api_compat import array_namespace
 
-from saltus.arrays import Array, Floats
+from saltus.arrays import Array, Floats, namespace
 from saltus.terrain.boxes import Box
 
 
@@ -47,7 +46,7 @@ class Columns:
 
     def height_at(self, x: Array) -> Array:
         """Height [m] at world x [m], an array of any shape."""
-        xp = array_namespace(x)
+        xp = namespace(x)
         heights = column_heights(self.x[1:-1], self.top, xp.reshape(x, (-1,)))
         return xp.reshape(heights, x.shape)
 
@@ -61,17 +60,17 @@ def column_heights(walls: Floats, tops: Floats, x: Array) -> Array:
         tops: Height of each [m], shape (n,) or (robots, n).
         x: World x [m], numpy or torch, shape (points,) or (robots, points).
     """
-    xp = array_namespace(x)
+    xp = namespace(x)
     # The dtype of x decides: a boundary is compared in the precision in which x is known.
     walls, tops = (
         xp.astype(xp.asarray(value, device=x.device), x.dtype) for value in (walls, tops)
     )
-    # If a wall counts backward
-    behind = xp.sum(xp.astype(x[..., None] > walls[..., None, :], xp.int64), axis=-1)
-    # If it counts forward
-    ahead = xp.sum(xp.astype(x[..., None] >= walls[..., None, :], xp.int64), axis=-1)
+    # A wall counts backward, and forward
     if tops.ndim == 1:
+        behind, ahead = (xp.searchsorted(walls, x, side=side) for side in ("left", "right"))
         return xp.maximum(xp.take(tops, behind, axis=0), xp.take(tops, ahead, axis=0))
+    behind = xp.sum(xp.astype(x[..., None] > walls[..., None, :], xp.int64), axis=-1)
+    ahead = xp.sum(xp.astype(x[..., None] >= walls[..., None, :], xp.int64), axis=-1)
     return xp.maximum(
         xp.take_along_axis(tops, behind, axis=1), xp.take_along_axis(tops, ahead, axis=1)
     )
