@@ -127,8 +127,8 @@ def _cut(time_s: Floats, length_s: float, known_s: Floats | None = None) -> list
 
 
 CHANCE = 4.0
-"""Structure of white noise in a cell of n rows scatters by 1/sqrt(n). Four times as much is rare
-among 1000 cells."""
+"""Structure of white noise in a cell of n rows scatters by 1/sqrt(n), in one of few rows, of which
+power alone tells, by sqrt(2/n). Four times as much is rare among 1000 cells."""
 RESIDUE = 1.5
 """Mean structure of noise that is almost white, in units of 1/sqrt(n): values below 0 count as
 0."""
@@ -210,7 +210,12 @@ class Cells:
 
     def shows(self, structure: Floats, least_rms: float) -> Mask:
         """Cells whose structure has at least this RMS and is not chance, shape of `structure`."""
-        return np.asarray(structure > np.maximum(least_rms**2, CHANCE / np.sqrt(self.counts)))
+        return np.asarray(structure > np.maximum(least_rms**2, self._chance))
+
+    @property
+    def _chance(self) -> Floats:
+        """Structure that noise may show in each cell, shape (cells,)."""
+        return CHANCE * np.sqrt(np.where(self.counts < FEW, 2.0, 1.0) / self.counts)
 
     def share_gone(self, before: Floats, after: Floats, shows: Mask) -> float:
         """Share of the structure in some cells that is gone,
@@ -225,7 +230,7 @@ class Cells:
 
     def rms(self, structure: Floats) -> Floats:
         """RMS of the structure in each cell, without what chance may add; shape of `structure`."""
-        return np.asarray(np.sqrt(np.maximum(structure - CHANCE / np.sqrt(self.counts), 0.0)))
+        return np.asarray(np.sqrt(np.maximum(structure - self._chance, 0.0)))
 
     def largest_rms(self, structure: Floats) -> float:
         """RMS of the structure in the cell that shows most, without what chance may add."""

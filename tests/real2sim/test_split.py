@@ -1,8 +1,9 @@
 import numpy as np
+import pytest
 from linear_problem import LinearProblem
 from one_joint import OneJoint
 
-from saltus.real2sim.search.split import TEST, split
+from saltus.real2sim.search.split import TEST, Cells, split
 
 
 def test_one_of_repeats_is_the_test_late_and_early_in_turn() -> None:
@@ -61,3 +62,18 @@ def test_a_piece_in_which_nothing_is_known_is_no_test() -> None:
         test = one & ~parts.is_fit
         assert residuals[:, test].any()
         assert residuals[:, one & parts.is_fit].any()
+
+
+@pytest.mark.parametrize("rows", [1, 2, 3, 6, 9, 10, 60])
+def test_cells_of_any_number_of_rows_hardly_ever_show_what_is_noise(rows: int) -> None:
+    """Nine of a thousand at most, of one row; the test of a body has hundreds of six rows."""
+    starts = np.arange(0, 20_000 * rows, rows)
+    cells = Cells(
+        rows=np.arange(20_000 * rows),
+        starts=starts,
+        segment=np.zeros_like(starts),
+        signal=np.arange(len(starts)),
+    )
+    structure = cells.structure(np.random.default_rng(rows).normal(size=20_000 * rows))
+    assert np.mean(cells.shows(structure, 0.0)) < 0.011
+    assert np.mean(cells.rms(structure) > 0.0) < 0.011
