@@ -56,7 +56,7 @@ def jumps(height: Floats, x: Floats) -> list[Jump]:
     """
     change = np.diff(height)
     # A comparison with NaN is false
-    direction = np.where(np.abs(change) > STEP_M, np.sign(change), 0.0)
+    direction = np.where(np.abs(change) > STEP_M, np.sign(change), 0.0).tolist()
     found = []
     i = 0
     while i < len(direction):

@@ -5,6 +5,7 @@ for all runs, by terrain, and by level.
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,14 +50,21 @@ FIGURES = tuple(field.name for field in fields(HeightScore) if field.name != "po
 
 def score(runs: Sequence[HeldOutRun], predictor: str) -> HeightScore:
     """One predictor in some runs."""
-    means = mean_of(
-        np.sum(
-            [totals(run.x, run.true_height, run.view, run.predictions[predictor]) for run in runs],
-            axis=0,
-        )
-    )
+    means = mean_of(np.sum([_totals_of(run, predictor) for run in runs], axis=0))
     points = sum(run.true_height.size for run in runs)
     return HeightScore(**dict(zip(FIGURES, means.tolist(), strict=True)), points=points)
+
+
+def _totals_of(run: HeldOutRun, predictor: str) -> Floats:
+    """The `totals` of a run, which is in several tables, once."""
+    known = _TOTALS.setdefault(run, {})
+    if predictor not in known:
+        said = run.predictions[predictor]
+        known[predictor] = totals(run.x, run.true_height, run.view, said)
+    return known[predictor]
+
+
+_TOTALS: WeakKeyDictionary[HeldOutRun, dict[str, Floats]] = WeakKeyDictionary()
 
 
 def totals(x: Floats, true_height: Floats, view: NDArray[np.int8], said: Prediction) -> Floats:
