@@ -124,6 +124,15 @@ class RobotStates(Sensed):
         return self.step * POLICY_DT
 
 
+ANY_STATES = RobotStates(
+    quaternion_base_in_world=np.zeros(4), angular_velocity_base=np.zeros(3),
+    acceleration_base=np.zeros(3), joint_position=np.zeros(12), joint_velocity=np.zeros(12),
+    velocity_base_in_world=np.zeros(3), base_height=0.0, leg_contact=np.zeros(4),
+    leg_progress=np.zeros(4), leg_trusted=np.zeros(4), cycle=0.0,
+)  # fmt: skip
+"""States of one robot, for laws that are compiled by an example (`saltus.straight_line`)."""
+
+
 def states_of(
     measurement: Measurement, estimate: StateEstimate, schedule: Schedule, step: int = 0
 ) -> RobotStates:

@@ -3,17 +3,18 @@ what a robot sees that steps where the predictor made it step.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from saltus.arrays import Floats, Reals
+from saltus.arrays import Reals
 from saltus.config import TerrainConfig
 from saltus.controller.compensation import compensation_of
 from saltus.depth import MODEL_CAMERA
 from saltus.effects.camera import drawn_around
+from saltus.effects.order import chosen_of
 from saltus.effects.profile import SHIPPED
 from saltus.grid import HeightGrid
 from saltus.heightmap.data.delivery import TRAINING
@@ -141,16 +142,7 @@ class MixedPlanner:
             velocity_x=policy.velocity_x * self._speed,
             stepping_frequency_hz=policy.stepping_frequency_hz * self._frequency,
         )
-        return Plan(
-            **{
-                f.name: self._chosen(getattr(policy, f.name), getattr(rules, f.name))
-                for f in fields(rules)
-            }
-        )
-
-    def _chosen(self, policy: Floats, rules: Floats) -> Floats:
-        mask = self._is_learned.reshape(-1, *(1,) * (policy.ndim - 1))
-        return np.where(mask, policy, rules)
+        return chosen_of(self._is_learned, policy, rules)
 
 
 def random_course(rng: np.random.Generator, hardest: float, kind: str) -> TerrainConfig:

@@ -8,7 +8,7 @@ import numpy as np
 from saltus import rotations
 from saltus.arrays import Array, Floats, Singles, namespace
 from saltus.robots.legs import LegKinematics
-from saltus.states import Proprioception, RobotStates
+from saltus.states import ANY_STATES, Proprioception
 from saltus.straight_line import straight_line
 from saltus.wire.messages import RobotState
 
@@ -55,15 +55,7 @@ def proprioception_of(state: RobotState, legs: LegKinematics) -> Singles:
 @lru_cache(maxsize=16)
 def _law_of_one(legs: LegKinematics) -> Callable[[Proprioception], Floats]:
     """The same law without arrays."""
-    three, four, joints = np.zeros(3), np.zeros(4), np.zeros(12)
-    any_state = RobotStates(
-        quaternion_base_in_world=four, angular_velocity_base=three, acceleration_base=three,
-        joint_position=joints,
-        joint_velocity=joints, velocity_base_in_world=three, base_height=0.0, leg_contact=four,
-        leg_progress=four,
-        leg_trusted=four, cycle=0.0,
-    )  # fmt: skip
-    return straight_line(partial(proprioception_of_states, legs=legs), any_state)
+    return straight_line(partial(proprioception_of_states, legs=legs), ANY_STATES)
 
 
 def _entries(

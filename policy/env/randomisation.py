@@ -22,6 +22,7 @@ from saltus.effects.motors import TorqueGain
 from saltus.effects.profile import Profile
 from saltus.errors import ConfigError
 from saltus.robots.robot import Robot
+from saltus.terrain.law import between
 from saltus.trial import NOMINAL_FEEDFORWARD_DELAY_S
 
 BODY_DRAWS = ColumnNames(
@@ -221,11 +222,6 @@ def draw_wide(
         "command_delay_s": wide.command_delay_s * part.command_delay_s,
         "push_mps": wide.side_push_ns / mass_kg * part.push_mps,
     }
-
-
-def between(bounds: tuple[float, float], draw: Array) -> Array:
-    """A uniform number in [0, 1) stretched over `bounds`."""
-    return bounds[0] + (bounds[1] - bounds[0]) * draw
 
 
 def training_drives(

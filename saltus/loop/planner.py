@@ -14,7 +14,7 @@ from saltus.arrays import Array, Reals, namespace
 from saltus.plan import Plan
 from saltus.robots.legs import LegKinematics
 from saltus.rotations import roll_pitch_yaw, rotation_matrix, yaw_rotation
-from saltus.states import Proprioception, RobotStates
+from saltus.states import ANY_STATES, Proprioception
 from saltus.straight_line import straight_line
 
 
@@ -78,10 +78,4 @@ def observe(states: Proprioception, legs: LegKinematics) -> Observation:
 
 def compiled_observe(legs: LegKinematics) -> Callable[[Proprioception], Observation]:
     """`observe` for one robot, as straight-line Python on floats: equal but for rounding."""
-    three, four, joints = np.zeros(3), np.zeros(4), np.zeros(12)
-    any_states = RobotStates(
-        quaternion_base_in_world=four, angular_velocity_base=three, acceleration_base=three,
-        joint_position=joints, joint_velocity=joints, velocity_base_in_world=three,
-        base_height=0.0, leg_contact=four, leg_progress=four, leg_trusted=four, cycle=0.0,
-    )  # fmt: skip
-    return straight_line(partial(observe, legs=legs), any_states)
+    return straight_line(partial(observe, legs=legs), ANY_STATES)
