@@ -1,7 +1,10 @@
-"""The tree is small: a training that reaches a GPU takes it along, and so does each clone."""
+"""The tree is small: a training that reaches a GPU takes it along, and so does each clone. Files of
+tests have names of their own.
+"""
 
 import shutil
 import subprocess
+from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -29,3 +32,9 @@ def test_the_tree_is_small() -> None:
     assert sum(sizes.values()) < MOST_BYTES, [
         f"{path.relative_to(ROOT)}: {sizes[path]}" for path in largest
     ]
+
+
+def test_no_two_files_of_tests_have_one_name() -> None:
+    """By it pytest imports them: a second one ends the collection of all."""
+    names = Counter(path.name for path in (ROOT / "tests").rglob("test_*.py"))
+    assert [name for name, count in names.items() if count > 1] == []
