@@ -1,7 +1,7 @@
 """Movers make the planner's answer of what it has decided: a plan for jumps, or joint targets."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
+from saltus.grid import HeightGrid
 from saltus.loop.planner import Observation, Planner, observe
 from saltus.plan import REST, plan_message
 from saltus.robots.legs import LegKinematics
@@ -18,6 +19,11 @@ from saltus.wire.messages import AnyPlan, CommandMode, MotionPlan, PlanStatus, R
 Velocity = tuple[float, float, float]
 """Ahead, to the left [m/s], turning to the left [rad/s]."""
 AT_REST: Velocity = (0.0, 0.0, 0.0)
+ASIDE_M = 0.1
+"""Distance of the lines beside that on which a robot jumps: the scan's spacing. Its feet are 0.13
+m aside."""
+HOLE_M = 0.3
+"""Ground so much lower beside the way is a hole: stairs that robots jump have 0.25 m a step."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +64,8 @@ class Jumper:
         robot: Which one.
         planner: Its planner.
         compiled: Observes in place of the law on numpy.
-        places: Of the planner's heights among those of the run's grid; None: they are the same.
+        places: Of the planner's heights among those of the run's grid, see `feet_lines`; None: they
+            are the same.
     """
 
     follows, waits = CommandMode.JUMP, False
@@ -80,7 +87,7 @@ class Jumper:
         begins, plan = not self._goes, REST
         self._goes = status == PlanStatus.GO
         if decision.heights is not None:
-            heights = decision.heights[self._places]
+            heights = under_feet(decision.heights[self._places])
             plan = self._planner.step(self._observe(state), heights, begins)
         return plan_message(
             plan, status, time_ns=state.time_ns, step=state.step, reason=decision.reason
@@ -90,3 +97,26 @@ class Jumper:
         """Never: the controller lands it."""
         del state
         return False
+
+
+def feet_lines(grid: HeightGrid, line: HeightGrid) -> NDArray[np.intp]:
+    """Places on a grid of the points of a line and of those `ASIDE_M` beside them, those to the
+    right first, shape (3, points).
+
+    Raises:
+        ConfigError: the grid has no such points.
+    """
+    return np.stack([grid.places_of(replace(line, y=(y,))) for y in (-ASIDE_M, 0.0, ASIDE_M)])
+
+
+def under_feet(heights: Floats) -> Floats:
+    """Heights of a line ahead, shape (points,), of that line, or of three, shape (3, points).
+
+    Where a hole begins beside the middle one, as at a trench that lies askew, it has begun: feet of
+    one side would step into it.
+    """
+    if heights.ndim == 1:
+        return heights
+    right, middle, left = heights
+    lowest = np.minimum(right, left)
+    return np.where(lowest < middle - HOLE_M, lowest, middle)

@@ -22,7 +22,7 @@ from saltus.wire import codec
 from saltus.wire.bus import Publisher
 from saltus.wire.messages import OPERATOR, DriveCommand, Event, RobotState
 
-PATIENCE_S = 60.0
+PATIENCE_S = 180.0
 
 
 Driver = Callable[[RobotState], DriveCommand | None]
