@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from saltus.controller.robot.unitree.drives import MS
+from saltus.controller.robot.unitree.hips import HipWatch
 from saltus.controller.robot.unitree.messages import LOW_STATE, Message, is_intact
 from saltus.controller.robot.unitree.trouble import contradiction, trouble
 from saltus.errors import MessageError
@@ -57,6 +58,7 @@ class StateWatch:
 
     def __init__(self, robot: Robot | None = None) -> None:
         self._robot = robot
+        self._hips = None if robot is None else HipWatch(robot)
         self.message: Message | None = None
         """The newest state, shape ()."""
         self.fault = ""
@@ -132,6 +134,8 @@ class StateWatch:
                 self.lose(f"its clock goes on, but {self._still} states say the same")
             if self._robot is not None:
                 self.lose(contradiction(message, last, self._robot))
+        if self._hips is not None and not self._still:
+            self.lose(self._hips.take(message))
         if self._robot is not None:
             self.doubt(trouble(message))
         if message["wireless_remote"][BUTTONS].any():

@@ -1,0 +1,78 @@
+"""Hips that count the other way are named by how the robot moves, and no hip of a healthy one is."""
+
+import numpy as np
+import pytest
+
+from benchmarks.unitree_link.in_memory import ROBOT, Bounding, Wire, simulated
+from saltus.constants import PHYSICS_DT
+from saltus.controller.rising import RISE_S
+from saltus.controller.robot.backend import Reading
+from saltus.controller.robot.mujoco import MujocoRobot
+from saltus.controller.robot.unitree import states
+from saltus.controller.robot.unitree.drives import state_message
+from saltus.controller.robot.unitree.hips import ENOUGH, HipWatch
+from saltus.controller.robot.unitree.robot import UnitreeRobot
+from saltus.grid import WALKING_GRID
+from saltus.policy.evaluation.walking_trials import WalkTrials, run_tasks, tasks
+from saltus.policy.evaluation.walks import TrueHeightSource
+from saltus.real2sim.experiments.on_backend import ExperimentRun, held_experiment
+from saltus.robots.robot import JOINTS
+from saltus.states import Sensed
+from saltus.used_networks import walking_path
+
+BOUNDS_S = RISE_S + 1.0
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("joint", JOINTS[::3])
+@pytest.mark.parametrize("phase", range(3))
+def test_a_hip_is_named_whose_angle_does_not_leap(
+    joint: str, phase: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing leaps where a hip is at zero, so leaps are not looked at here."""
+    monkeypatch.setattr(states, "contradiction", lambda *_: "")
+    start_s = BOUNDS_S + float(np.random.default_rng(phase).uniform(0.3, 1.0))
+    bounding = Bounding(f"sign:{joint}@{start_s:.3f}", seed=phase)
+    bounding.until(start_s)
+    assert not bounding.robot.fault
+    while not bounding.robot.fault and bounding.run.time_s < start_s + 0.5:
+        bounding.until(bounding.run.time_s + PHYSICS_DT)
+    assert bounding.robot.fault == f"{joint} moves the robot as if it counted the other way"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ground", ["rubble", "stairs", "hurdles"])
+def test_no_hip_of_a_healthy_robot_is_named(ground: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Evidence against them stays below two thirds of what names one."""
+    watch, most = HipWatch(ROBOT), [0.0]
+    read = MujocoRobot.read
+
+    def heard(robot: MujocoRobot) -> Reading:
+        reading = read(robot)
+        assert isinstance(reading.measurement, Sensed)
+        message = state_message(reading.measurement, reading.joint_torque, ROBOT)
+        message["tick"] = 2 * len(most)
+        watch.take(message)
+        most.append(watch.evidence)
+        return reading
+
+    monkeypatch.setattr(MujocoRobot, "read", heard)
+    trials = WalkTrials(robot="go2", grid=WALKING_GRID, model=walking_path("go2"), camera="d435i")
+    [[crossed]] = run_tasks(trials, tasks("cross", [ground], TrueHeightSource, [700]), 1)
+    assert not crossed.cause
+    assert len(most) > 1000
+    assert max(most) < 2.0 / 3.0 * ENOUGH
+
+
+@pytest.mark.slow
+def test_no_hip_of_a_robot_that_hangs_is_named() -> None:
+    """What holds it are no feet."""
+    wire = Wire(simulated(held=True))
+    wire.tick()
+    robot = UnitreeRobot(wire, ROBOT, wire)  # type: ignore[arg-type]
+    robot.reset()
+    run = ExperimentRun(robot, ROBOT, held_experiment("joint_tour"))
+    while run.time_s < run.duration_s:
+        run.step()
+        wire.tick()
+        assert not robot.fault
