@@ -92,7 +92,7 @@ def _run(given: argparse.Namespace) -> int:
             f"loss {found.loss:.4f}  seen {found.seen_mm:5.2f} of {found.map_mm:5.2f} mm  "
             f"unseen {found.unseen_mm:6.1f} mm  inside {100 * found.inside_seen:4.1f} "
             f"{100 * found.inside_all:4.1f} %  clipped {100 * found.clipped:4.1f} %  "
-            f"returns {found.returns}  rate {found.rate:.1e}",
+            f"rate {found.rate:.1e}",
             flush=True,
         )
 

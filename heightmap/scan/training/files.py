@@ -22,7 +22,6 @@ COLUMNS = (
     "inside_seen",
     "inside_all",
     "clipped",
-    "returns",
     "rate",
 )
 
@@ -47,8 +46,6 @@ class Progress:
     inside_all: float
     clipped: float
     """Share of the weights' gradients that were more than twice their usual size."""
-    returns: int
-    """How often the training returned to weights of before so far."""
     rate: float
     """Learning rate."""
 

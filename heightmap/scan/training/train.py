@@ -30,7 +30,7 @@ from saltus.heightmap.scan.training.flights import (
 )
 from saltus.heightmap.scan.training.graph import Graph
 from saltus.heightmap.scan.training.model import ScanModel, loss
-from saltus.heightmap.scan.training.safeguards import Safeguards
+from saltus.heightmap.scan.training.safeguards import Limits
 from saltus.heightmap.scan.training.settings import ScanTrainSettings
 
 GROUPS = 4
@@ -72,7 +72,7 @@ class Trainer:
             ],
             weight_decay=settings.weight_decay, fused=on_gpu, capturable=on_gpu,
         )  # fmt: skip
-        self._guards = Safeguards(self.model, self.average, self.optimiser)
+        self._limits = Limits(self.model)
         self.rounds, self.seconds = 0, 0.0
         self._draws = Draws(settings.seed, device)
         with torch.no_grad():
@@ -96,12 +96,10 @@ class Trainer:
         self._draws.begin(settings.seed * 1_000_003 + self.rounds)
         self._renew(torch.arange(settings.batch, device=self.device))
         self._totals.zero_()
-        self._guards.begin()
-        slower = self._guards.slower
         rate = 0.0
         for update in range(settings.round):
             share = share_before + (share_after - share_before) * update / settings.round
-            rate = slower * settings.learning_rate * _schedule(share)
+            rate = settings.learning_rate * _schedule(share)
             self._set(rate, self.updates + update)
             self._renew_some(update)
             if self._graph is not None:
@@ -111,13 +109,12 @@ class Trainer:
         found = (self._totals / settings.round).tolist()
         self.rounds += 1
         self.seconds += time.monotonic() - began
-        self._guards.judge(self.rounds, loss=found[0], inside=found[5])
         made = self.updates
         return Progress(
             update=made, images=made * settings.batch, seconds=self.seconds, loss=found[0],
             map_mm=1e3 * found[1],
             seen_mm=1e3 * found[2], unseen_mm=1e3 * found[3], inside_seen=found[4],
-            inside_all=found[5], clipped=found[6], returns=self._guards.returns, rate=rate,
+            inside_all=found[5], clipped=found[6], rate=rate,
         )  # fmt: skip
 
     def _set(self, rate: float, updates: int) -> None:
@@ -173,7 +170,7 @@ class Trainer:
         value = loss(estimate, truth, weight, spread if settings.network.choice else None)
         self.optimiser.zero_grad(set_to_none=True)
         value.backward()
-        clipped = self._guards.clip(settings.gradient_norm)
+        clipped = self._limits.clip(settings.gradient_norm)
         self.optimiser.step()
         with torch.no_grad():
             for mine, new in zip(self.average.parameters(), self.model.parameters(), strict=True):
@@ -217,7 +214,7 @@ class Trainer:
         """Writes what `resume` reads, whole or not at all."""
         table = {
             "settings": self.settings.to_toml(), "rounds": self.rounds, "seconds": self.seconds,
-            "returns": self._guards.returns, "usual_norm": self._guards.usual_norm,
+            "usual_norm": self._limits.usual_norm,
             "model": self.model.state_dict(), "average": self.average.state_dict(),
             "optimiser": self.optimiser.state_dict(),
         }  # fmt: skip
@@ -242,8 +239,7 @@ class Trainer:
         self.average.load_state_dict(table["average"])
         self.optimiser.load_state_dict(table["optimiser"])
         self.rounds, self.seconds = int(table["rounds"]), float(table["seconds"])
-        self._guards.returns = int(table["returns"])
-        self._guards.usual_norm.copy_(table["usual_norm"])
+        self._limits.usual_norm.copy_(table["usual_norm"])
 
 
 def _new_model(settings: ScanTrainSettings, device: torch.device) -> ScanModel:
