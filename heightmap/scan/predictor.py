@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -36,7 +36,6 @@ INPUTS = ("filled", "measured", "memory", "numbers")
 OUTPUTS = ("height", "half_width")
 FARTHEST_M = 2.0 * REACH_M
 """From a filled height no plausible one is farther, and no half-width is larger."""
-_BESIDE = np.arange(-1, 2)
 _NAMES = {"measured": MEASURED, "memory": MEMORY, "numbers": NUMBERS}
 
 
@@ -52,6 +51,30 @@ class Ground(NamedTuple):
 
     Minus infinity where there was none.
     """
+
+
+class _Known(NamedTuple):
+    """Outcome of the newest image; what states ask for again and again is made once."""
+
+    state: ElevationMap
+    told: Singles | None
+    """Heights and half-widths by the network [m], shape (2, side, side)."""
+    shown: Singles
+    """Heights of the map where an image showed them, else NaN [m], shape (1, side, side)."""
+    seen_s: Singles
+    """When a point last fell into each cell, or one beside it [s], shape (side, side)."""
+
+    @classmethod
+    def of(cls, state: ElevationMap, told: Singles | None) -> Self:
+        """From a map and what the network told of it."""
+        shown = np.where(state.seen_s > 0.5 * NEVER_S, state.height, np.nan)
+        newest = state.seen_s[0]
+        for _ in range(2):  # along columns, then along rows
+            beside = newest.copy()
+            np.maximum(beside[1:], newest[:-1], out=beside[1:])
+            np.maximum(beside[:-1], newest[1:], out=beside[:-1])
+            newest = beside.T
+        return cls(state, told, shown, newest)
 
 
 def is_scan(path: Path) -> bool:
@@ -124,13 +147,11 @@ class ScanPredictor:
     @property
     def images(self) -> int:
         """How many images the map was made from since the last `reset`."""
-        return int(self._known[0].images[0])
+        return int(self._known.state.images[0])
 
     def reset(self) -> None:
         """Forgets everything: the robot was carried elsewhere, or its odometry jumped."""
-        self._known: tuple[ElevationMap, Singles | None] = (
-            new_map(1, self._settings, np.zeros(1, np.float32)), None,
-        )  # fmt: skip
+        self._known = _Known.of(new_map(1, self._settings, np.zeros(1, np.float32)), None)
 
     def see(self, measured: Measurement, now_s: float) -> bool:
         """Takes an image; arrays of `measured` are numpy's, of one robot, in single precision.
@@ -138,7 +159,7 @@ class ScanPredictor:
         Returns:
             False where the network's answer was not plausible: the image is then forgotten.
         """
-        state, around = advanced(self._known[0], measured, self._settings)
+        state, around = advanced(self._known.state, measured, self._settings)
         now = np.full(1, now_s, np.float32)
         height, half_width = self._network(inputs_of(state, around, now, measured.body_height))
         # no comparison with NaN is true, so that this also asks for finite numbers
@@ -149,7 +170,7 @@ class ScanPredictor:
         ):
             return False
         told = Heights(around.filled + height, half_width)
-        self._known = (remembered(state, told), np.concatenate(told))
+        self._known = _Known.of(remembered(state, told), np.concatenate(told))
         return True
 
     def heights(self, pose: Pose, yaw: float, grid: HeightGrid) -> tuple[Floats, Floats]:
@@ -169,14 +190,14 @@ class ScanPredictor:
 
     def ground(self, pose: Pose, yaw: float, grid: HeightGrid) -> Ground:
         """The same as `heights`, and when each point was last seen."""
-        state, told = self._known
+        state, told, _, seen_s = self._known
         if told is None:
             raise ModelError("no image has come yet: heights are told from the first one on")
         base = pose.position + state.correction
         x, y = grid.points_in_world(base[0, :2].astype(np.float64), np.asarray(yaw))
         place = places(np.stack([x, y], -1)[None], state.corner, self._settings)
         height, half_width = np.asarray(sampled(told, place), np.float64)
-        return Ground(height - base[0, 2], half_width, _last_seen(state.seen_s[0], place[0]))
+        return Ground(height - base[0, 2], half_width, _last_seen(seen_s, place[0]))
 
     def above(self, pose: Pose, points: Singles) -> Floats:
         """Height of the ground that images showed above points, by the map alone [m], shape (n,).
@@ -187,25 +208,16 @@ class ScanPredictor:
             pose: Of the base by the same odometry, now.
             points: In the base frame [m], shape (n, 3).
         """
-        state, _ = self._known
+        state, _, shown, _ = self._known
         there = points @ pose.rotation[0].T + pose.position[0] + state.correction[0]
         place = places(there[None, :, :2], state.corner, self._settings)
-        gap = np.asarray(sampled(state.height, place)[0] - there[:, 2], np.float64)
-        cell = np.floor(place[0]).astype(np.int64).clip(0, self._settings.side - 2)
-        rows, columns = (cell[:, axis, None] + np.arange(2) for axis in (0, 1))
-        oldest = state.seen_s[0, rows[:, :, None], columns[:, None, :]].min((1, 2))
-        return np.where(oldest > 0.5 * NEVER_S, gap, np.nan)
+        return np.asarray(sampled(shown, place)[0] - there[:, 2], np.float64)
 
 
 def _last_seen(seen_s: Singles, place: Floats) -> Floats:
-    """When a point last fell into the cell of each place, or one beside it [s].
-
-    Minus infinity where none ever did.
-    """
-    side = len(seen_s)
+    """Times of `_Known.seen_s` at places [s]; minus infinity where none ever was seen."""
     cell = np.floor(place + 0.5).astype(np.int64)
-    rows, columns = ((cell[:, axis, None] + _BESIDE).clip(0, side - 1) for axis in (0, 1))
-    around = (side * rows[:, :, None] + columns[:, None, :]).reshape(len(place), -1)
-    newest = seen_s.reshape(-1)[around].max(1).astype(np.float64)
-    inside = ((cell >= 0) & (cell < side)).all(-1)
+    row, column = cell.clip(0, len(seen_s) - 1).T
+    newest = seen_s[row, column].astype(np.float64)
+    inside = ((cell >= 0) & (cell < len(seen_s))).all(-1)
     return np.where(inside & (newest > 0.5 * NEVER_S), newest, -np.inf)
