@@ -24,7 +24,8 @@ LONGEST_S = 0.03
 """Averages over more, as of a robot whose states are lost, tell nothing."""
 ROWS = (1, 3, 5)  # force to the left, moments about ahead and up
 USUAL = np.array([15.0, 2.0, 3.0])
-"""Rest of these when a healthy Go2 walks over rubble, stairs and hurdles [N, Nm, Nm]: payload, friction of joints, shins and trunk that touch, other forces of motors than told."""
+"""Rest of these when a healthy Go2 walks over rubble, stairs and hurdles [N, Nm, Nm]: payload,
+friction of joints, shins and trunk that touch, other forces of motors than told."""
 MOST = 4.0
 """Squares of what is left over, by what is usual, count no more than this: a trunk that lies on an
 edge is held by more."""
