@@ -8,6 +8,7 @@ from saltus.recordings.recording import Recording
 from saltus.runtime.programs import OPERATOR, PROGRAMS
 from saltus.wire.messages import ControllerMode, DriveCommand, RobotState
 
+pytestmark = pytest.mark.slow
 SCRIPT = """time_s,mode
 0.5,jump
 1.5,stand
@@ -49,7 +50,6 @@ def test_there_is_one_command_for_each_state(recording: Recording) -> None:
     assert told[: 4 * 100] == asked[: 4 * 100]
 
 
-@pytest.mark.sample(2)
 @pytest.mark.parametrize("name", [program.name for program in (OPERATOR, *PROGRAMS)])
 def test_every_process_repeats_to_the_bit(recording: Recording, name: str) -> None:
     check_repeats(recording, name, 150)

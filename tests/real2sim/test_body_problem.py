@@ -66,7 +66,7 @@ def test_the_true_effect_removes_the_gap(effect: Effect, name: str, value: float
     assert np.mean(at(problem, **{name: 0.7 * value}) ** 2) > closed
 
 
-@pytest.mark.sample(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "effect",
     [
@@ -120,6 +120,7 @@ def test_no_other_way_to_compute_contacts_is_taken_by_chance(seed: int) -> None:
     assert likeliest(squares) == GROUNDS[0]
 
 
+@pytest.mark.slow
 def test_feet_that_resist_rolling_close_the_gap() -> None:
     """But for what the choice of the contact solver leaves,
     which is made before anything is fitted.

@@ -154,7 +154,7 @@ HELD: dict[str, tuple[Change, tuple[float, ...]]] = {
 }
 
 
-@pytest.mark.sample(3)
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("channel", HELD)
 def test_a_channel_of_the_joints_in_another_unit_is_told_by_name_and_factor(
     held: list[RunLog], channel: str
