@@ -127,8 +127,8 @@ class RobotStates(Sensed):
 ANY_STATES = RobotStates(
     quaternion_base_in_world=np.zeros(4), angular_velocity_base=np.zeros(3),
     acceleration_base=np.zeros(3), joint_position=np.zeros(12), joint_velocity=np.zeros(12),
-    velocity_base_in_world=np.zeros(3), base_height=0.0, leg_contact=np.zeros(4),
-    leg_progress=np.zeros(4), leg_trusted=np.zeros(4), cycle=0.0,
+    velocity_base_in_world=np.zeros(3), base_height=0.0, leg_contact=np.zeros(4, np.bool_),
+    leg_progress=np.zeros(4), leg_trusted=np.zeros(4, np.bool_), cycle=0.0,
 )  # fmt: skip
 """States of one robot, for laws that are compiled by an example (`saltus.straight_line`)."""
 
