@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -43,7 +44,8 @@ ROWS = 200  # poses whose height is compared, spread over the log
 # Correlation below which turns and gyroscope are not of one motion: an axis of three may be flipped
 ALIKE = 0.7
 LEVEL = 0.01  # m RMS by which feet on level ground are apart in height, with joints 0.03 rad off
-CLEARLY = 3.0  # times less in the right order
+CLEARLY = 3.0  # times less in the right order, or frame
+SMALLEST = 0.05  # share of all turns from which those of an axis are told
 RANGE = (0.5, 2.0)  # ratio of a rate to the change of its pose
 FAR = 5.0  # m: no base of a standing or jumping robot is higher above the ground
 
@@ -164,7 +166,27 @@ def _gravity(imu: Table) -> Iterator[Fault]:
 
 def _gyro(imu: Table) -> Iterator[Fault]:
     turn, gyro = _turns(imu.time_s, imu.values[:, :4], imu.values[:, 4:7])
+    if order := _order_of_axes(turn, gyro):
+        text = f"imu: gyro {order}: the columns, or those of the quaternion, are of other axes"
+        yield Fault(name="imu_axes", text=text)
+        return
     yield from _compare("imu", "gyro", "orientation", turn, gyro, TURNS)
+
+
+def _order_of_axes(turn: Floats, gyro: Floats) -> str:
+    """Says whose turns each axis of a gyroscope shows, "" where that is its own."""
+    one, other = gyro - gyro.mean(axis=0), turn - turn.mean(axis=0)
+    alike = one.T @ other / np.sqrt(max(np.sum(one**2) * np.sum(other**2), 1e-12))
+    seen = {order: sum(abs(alike[range(3), order])) for order in permutations(range(3))}
+    best = max(permutations(range(3)), key=lambda order: round(seen[order], 6))
+    if seen[0, 1, 2] > ALIKE or seen[best] < SHOWN:
+        return ""
+    shares = [float(alike[axis, best[axis]]) for axis in range(3)]
+    return " and ".join(
+        f"{'xyz'[axis]} shows turns about {'-' if share < 0.0 else ''}{'xyz'[best[axis]]}"
+        for axis, share in enumerate(shares)
+        if best[axis] != axis and abs(share) > SMALLEST
+    )
 
 
 def _turns(time_s: Floats, quaternions: Floats, gyro: Floats) -> tuple[Floats, Floats]:
@@ -197,6 +219,17 @@ def _base(log: RunLog, base: Table) -> Iterator[Fault]:
     # a robot that is carried while nothing is recorded moves without a velocity
     whole = steps_s[:, 0] < CARRIED * np.median(steps_s)
     mean = means(base.values[:, 7:10], rows)
+    turned = means(_rotation(base.values[:, 3:7]).apply(base.values[:, 7:10]), rows)
+    left, left_turned = (
+        float(np.sqrt(np.mean((each - change)[whole] ** 2))) for each in (mean, turned)
+    )
+    if left > BARELY * MOVES and CLEARLY * left_turned < left:
+        text = (
+            "base: velocity is in the frame of the base (it differs from the change of position by "
+            f"{left:.2g} m/s, turned into the world by {left_turned:.2g}): turn it into the world"
+        )
+        yield Fault(name="base_frame", text=text)
+        return
     yield from _compare("base", "velocity", "position", change[whole], mean[whole], MOVES)
 
 
