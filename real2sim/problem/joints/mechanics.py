@@ -14,13 +14,11 @@ SWEEPS = 3
 others feel by a third or less, and each step starts from the impulses of the last."""
 
 
-def joint_by_joint(values: Floats, axis: int = -2) -> Floats:
-    """The joints' axis first, in one piece of memory,
+def joint_by_joint(values: Floats) -> Floats:
+    """The joints' axis, the last but one, first, in one piece of memory,
     so that an operation on one joint is one long loop, not a short one for each window and branch.
     """
-    axis %= values.ndim
-    others = (*range(axis), *range(axis + 1, values.ndim))
-    return np.ascontiguousarray(values.transpose(axis, *others))
+    return np.ascontiguousarray(np.moveaxis(values, -2, 0))
 
 
 def inverses_of(inverse: Floats, sets: int) -> Floats:
