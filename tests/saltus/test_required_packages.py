@@ -18,7 +18,7 @@ import pytest
 PROJECT = Path(__file__).resolve().parents[2]
 COMMANDS = {
     "demo": "demo --terrain flat --time-limit-s 0.3 --no-video --renderer pyrender",
-    "preview": "render preview --terrain flat --out preview",
+    "preview": "render preview --terrain rubble --out preview",
     "train": "policy train --device cpu --robots 8 --iterations 1 "
     "--evaluate-minutes 0 --out trained",
     "collect": "heightmap collect gpu --device cpu --episodes 1 --out data",
