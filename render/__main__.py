@@ -8,7 +8,7 @@ import numpy as np
 from saltus.effects.image_pixels import to_images
 from saltus.render.backends import make_renderer
 from saltus.render.camera import RobotCamera
-from saltus.render.exposure import Exposure, PerfectExposure
+from saltus.render.exposure import Exposure, PerfectExposure, StereoExposure
 from saltus.render.process import CameraProcess, random_stream
 from saltus.runtime.process import ProcessContext, run_process
 from saltus.runtime.ticker import freshness
@@ -59,11 +59,6 @@ def build(context: ProcessContext) -> CameraProcess:
             make_renderer(config.renderer, setup.terrain, view), camera.image
         )
     else:
-        # A camera that has died must be back soon: load what is needed
-        from saltus.render.exposure import (
-            StereoExposure,
-        )
-
         exposure = StereoExposure(
             setup.terrain,
             setup.robot,

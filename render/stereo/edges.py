@@ -63,9 +63,7 @@ class StereoEdgeHoles(RandomStereoEffect, name="edge_holes"):
     def drawn(self, signal: StereoImage, keys: Array) -> StereoImage:
         """Loses pixels at edges."""
         # Here, so that a router, which reads cameras and draws none, needs no SciPy
-        from scipy.special import (
-            ndtri,
-        )
+        from scipy.special import ndtri
 
         disparity, optics = signal.truth, signal.optics
         xp = namespace(disparity)
