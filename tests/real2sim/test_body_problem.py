@@ -16,6 +16,8 @@ from saltus.effects.profile import Profile
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.problem import BodyProblem
 from saltus.real2sim.problem.body.replay import FINE, GROUNDS, likeliest
+from saltus.real2sim.problem.body.windows import body_windows
+from saltus.real2sim.problem.log import segments_of
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.sensors import SENSORS, carried_by
 from saltus.real2sim.stacked_problem import NOT_HELD, RebasedProblem
@@ -46,6 +48,19 @@ def test_residuals_are_noise_where_the_model_is_right(claimed: BodyProblem) -> N
     residuals = at(claimed)
     assert 0.4 < np.mean(residuals**2) < 1.15
     assert residuals.shape == claimed.segment.shape == claimed.signal.shape == claimed.time_s.shape
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.01, 0.02, 0.04, 0.05])
+def test_simulations_start_at_the_rates_that_a_late_gyroscope_tells(delay_s: float) -> None:
+    log = run_log(motions=(dataclasses.replace(SHORT[1], duration_s=4.0),))
+    assert log.imu is not None
+    late = dataclasses.replace(log.imu, time_s=log.imu.time_s + delay_s)
+    own, other = (
+        body_windows(each, segments_of(log)).qvel[:, 3:6]
+        for each in (log, dataclasses.replace(log, imu=late))
+    )
+    assert np.abs(own).max() > 1.0
+    np.testing.assert_allclose(other, own, atol=0.1)  # 5 ms at the most that they change
 
 
 @pytest.mark.sample(1)

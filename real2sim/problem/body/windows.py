@@ -29,6 +29,9 @@ HISTORY_STEPS = 26
 SMOOTHING_STEPS = 25
 """States at the start of windows come from parabolas through 50 ms: bodies move below 10 Hz; noise
 falls to a third."""
+LATEST_STEPS, LATE_SHARE = 26, 0.6
+"""A gyroscope is late if some of these steps later it differs by this share, or less, from how the
+base turns."""
 SEARCH_STEPS = 30
 """A window may start this much later, where the motion is smooth."""
 BUDGET_S = 10.8
@@ -96,7 +99,7 @@ def body_windows(log: RunLog, segments: Sequence[Segment]) -> BodyWindows:
     kp, kd = gains(log)
     drive = commanded(log)
     starts = _starts(segments)
-    tracks = {i: track(log, segments[i]) for i in {segment for segment, _ in starts}}
+    tracks = {i: on_time(track(log, segments[i])) for i in {segment for segment, _ in starts}}
     parts = []
     for segment, start in starts:
         now = tracks[segment]
@@ -138,6 +141,30 @@ def track(log: RunLog, segment: Segment) -> Track:
     return Track(
         time_s=time_s, states=np.concatenate([position, turn, q, velocity, dq], axis=1), gyro=gyro
     )
+
+
+def late_steps(now: Track, turning: Floats) -> int:
+    """Steps by which a gyroscope is later than how the base turns [rad/s], shape (n, 3); 0 where it
+    is on time or there is none.
+    """
+    if now.gyro is None:
+        return 0
+    apart = [
+        np.var(now.gyro[k:] - turning[: len(turning) - k], axis=0).sum()
+        for k in range(min(LATEST_STEPS, len(turning) - 1))
+    ]
+    return int(np.argmin(apart)) if min(apart) < LATE_SHARE * apart[0] else 0
+
+
+def on_time(now: Track) -> Track:
+    """The same with a late gyroscope as if it were none: simulations start at the rates that it
+    tells, and the IMU's own problem finds how late it is.
+    """
+    late = late_steps(now, angular_velocity(now.states[:, 3:7]))
+    if now.gyro is None or not late:
+        return now
+    gyro = np.concatenate([now.gyro[late:], np.repeat(now.gyro[-1:], late, axis=0)])
+    return replace(now, gyro=gyro)
 
 
 def angular_velocity(quaternion: Floats) -> Floats:

@@ -20,6 +20,7 @@ from saltus.real2sim.problem.body.windows import (
     VELOCITY,
     Track,
     angular_velocity,
+    late_steps,
     track,
 )
 from saltus.real2sim.problem.joints.drives import Drives, DriveState
@@ -35,9 +36,6 @@ BASE = 6
 """Degrees of freedom of a base."""
 STILL = 0.02
 """Below it dry friction goes over from one sign to the other [rad/s]."""
-LATEST_STEPS, LATE_SHARE = 26, 0.6
-"""A gyroscope is late if some of these steps later it differs by this share, or less, from how the
-base turns."""
 UNEVEN = 0.1
 """Share of how the ground's force changes within a block that stays unknown: the base is measured
 only at its ends."""
@@ -158,11 +156,7 @@ def _turning(now: Track) -> Floats:
     if now.gyro is None:
         raise RecordingError("no imu.csv: how a robot that jumps turns is not known to the instant")
     turning = angular_velocity(now.states[:, POSE][:, 3:])
-    apart = [
-        np.var(now.gyro[k:] - turning[: len(turning) - k], axis=0).sum()
-        for k in range(LATEST_STEPS)
-    ]
-    if min(apart) < LATE_SHARE * apart[0]:
+    if late_steps(now, turning):
         raise RecordingError("the gyroscope is late: jumps need rates of the very instant")
     return now.gyro - np.mean(now.gyro - turning, axis=0)
 
