@@ -40,13 +40,10 @@ from saltus.wire.messages import ControllerMode
 _STANDING = (ControllerMode.STAND, ControllerMode.STOPPED, ControllerMode.LIE)
 _MOVING = (ControllerMode.RUN, ControllerMode.COAST)
 
-
 # Numbers of the law that are no robot's
 VELOCITY_STEP = Constant([1.0, 1.0, np.inf])
-"""References are not taken to be further from the present velocity than this, yaw frame [m/s].
-
-Original.
-"""
+"""References are not taken to be further from the present velocity than this, yaw frame [m/s];
+original."""
 ANGULAR_STEP = Constant([np.inf, np.inf, 1.0])
 """The same for angular velocities [rad/s]; original."""
 HEADING_GAIN = 1.0

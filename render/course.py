@@ -125,7 +125,7 @@ class Course:
         return int(below_top.argmax()), len(above_bottom) - 1 - int(above_bottom[::-1].argmax())
 
     def _planes(self, origin: Floats, rotation: Floats) -> Floats:
-        """Inverse depth of each face by pixel: across, down and straight ahead, shape (n, 3, faces).
+        """Inverse depth of each face by pixel: across, down, straight ahead; shape (n, 3, faces).
 
         From what is beyond the last end ahead to what is beyond the last one behind: both are 0.
         """

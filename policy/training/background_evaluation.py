@@ -18,7 +18,7 @@ from saltus.policy.tables import append_table, read_table
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluationRow:
-    """How one checkpoint did on one course."""
+    """The result of one checkpoint on one course."""
 
     iteration: int
     steps: int

@@ -25,7 +25,7 @@ class StereoEstimate:
     error: float | None = None
     """Standard error."""
     note: str = ""
-    """Why it is untestable, or what the value rests on."""
+    """The reason why it is untestable, or what the value rests on."""
 
     def __str__(self) -> str:
         value = "untestable" if self.value is None else f"{self.value:.4g} +- {self.error:.2g}"

@@ -84,7 +84,7 @@ class HipWatch:
         mean, change = states[1:].mean(axis=0), states[-1] - states[0]
         grows = change / (MS * change[-1])
         position, speed, torque = states[SPAN // 2, :12], slice(12, 24), slice(24, 36)
-        turn, felt = slice(36, 39), slice(39, 42)
+        turn, specific_force = slice(36, 39), slice(39, 42)
         joints = self._sign * np.array([position, mean[speed], grows[speed], mean[torque]])
-        base = np.array([mean[felt], grows[turn], mean[turn]])
+        base = np.array([mean[specific_force], grows[turn], mean[turn]])
         return self._forces.left_over(self._turned * joints, base)

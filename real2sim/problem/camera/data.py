@@ -1,5 +1,5 @@
-"""A run log's images prepared for comparison: which are new, lost and chosen, when they were exposed,
-pixels, prediction without effects, noise.
+"""A run log's images prepared for comparison: which are new, lost and chosen, when they were
+exposed, pixels, prediction without effects, noise.
 """
 
 from collections.abc import Callable, Sequence

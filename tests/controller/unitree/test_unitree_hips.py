@@ -1,4 +1,4 @@
-"""Hips that count the other way are named by how the robot moves, and no hip of a healthy one is."""
+"""Hips that count the other way are named by the robot's motion; none of a healthy robot is."""
 
 import numpy as np
 import pytest
@@ -66,7 +66,7 @@ def test_no_hip_of_a_healthy_robot_is_named(ground: str, monkeypatch: pytest.Mon
 
 @pytest.mark.slow
 def test_no_hip_of_a_robot_that_hangs_is_named() -> None:
-    """What holds it are no feet."""
+    """Something other than its feet holds it."""
     wire = Wire(simulated(held=True))
     wire.tick()
     robot = UnitreeRobot(wire, ROBOT, wire)  # type: ignore[arg-type]

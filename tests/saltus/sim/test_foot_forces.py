@@ -1,4 +1,4 @@
-"""What feet do not exert: forces and moments that are left over of a robot's motion."""
+"""Forces and moments of a robot's motion that its feet do not exert."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def test_what_is_left_over_is_what_pushes_the_trunk(seed: int) -> None:
         ))  # fmt: skip
     left = []
     for end in range(100, TICKS, SPAN):
-        position, velocity, torque, felt, turn = (
+        position, velocity, torque, specific_force, turn = (
             np.array(each) for each in zip(*rows[end - SPAN : end + 1], strict=True)
         )
         over_s = SPAN * PHYSICS_DT
@@ -49,7 +49,9 @@ def test_what_is_left_over_is_what_pushes_the_trunk(seed: int) -> None:
             position[SPAN // 2], velocity[1:].mean(axis=0), (velocity[-1] - velocity[0]) / over_s,
             torque[1:].mean(axis=0),
         ])  # fmt: skip
-        base = np.array([felt[1:].mean(axis=0), (turn[-1] - turn[0]) / over_s, turn.mean(axis=0)])
+        base = np.array(
+            [specific_force[1:].mean(axis=0), (turn[-1] - turn[0]) / over_s, turn.mean(axis=0)]
+        )
         left.append(FORCES.left_over(joints[None], base)[0])
     force, moment = np.split(np.mean(left, axis=0), 2)
     assert np.abs(force - [0.0, push, 0.0]).max() < abs(push) / 8.0 + 1.5
