@@ -3,9 +3,9 @@ jump up its stairs and walk over its grounds.
 
 The file is the user's: unitree_robots/go2/go2.xml of unitreerobotics/unitree_mujoco,
 unitree_go2/go2.xml of MuJoCo Menagerie, or another, with the meshes that it names. Its are masses,
-inertias, lengths, limits and armature, damping and dry friction of its joints, softness and turning friction of its
-feet. Ours are the box of the trunk, rods for the links (`saltus robot show FILE`), the motors'
-torque over speed, the camera, and what each trial draws, sliding friction too.
+inertias, lengths, limits and armature, damping and dry friction of its joints, softness and turning
+friction of its feet. Ours are the box of the trunk, rods for the links (`saltus robot show FILE`),
+the motors' torque over speed, the camera, and what each trial draws, sliding friction too.
 
     saltus bench users_go2 -- --mjcf unitree_mujoco/unitree_robots/go2/go2.xml --trials 100
 """
