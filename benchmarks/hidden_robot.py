@@ -27,7 +27,7 @@ from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.errors import SaltusError
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.randomisation import PITCH_ERROR, POSITION_ERROR_M
-from saltus.policy.env.randomisation import SOFT_RUBBER, RandomisationConfig, WideConfig
+from saltus.policy.env.randomisation import SOFT_RUBBER, RandomisationSettings, WideSettings
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.wire.topics import CAMERA_LATENCY_S
@@ -35,7 +35,7 @@ from saltus.wire.topics import CAMERA_LATENCY_S
 BEYOND = (1.3, 1.8)
 """How far from what is known, in units of how far a training's draws reach."""
 LAG_S = 0.005  # no training draws lag; what is published of such drives is 2 to 8 ms
-_DRAWS, _WIDE = RandomisationConfig(), WideConfig()
+_DRAWS, _WIDE = RandomisationSettings(), WideSettings()
 
 
 @dataclass(frozen=True)

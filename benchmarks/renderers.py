@@ -25,14 +25,17 @@ from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import read_dataset, read_manifest, write_shard
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.settings import BackEnd, ClosedLoop, ModelConfig, PredictorTraining
+from saltus.heightmap.settings import BackEnd, ClosedLoop, ModelSettings, PredictorTraining
 from saltus.heightmap.training.train import train
 from saltus.heightmap.training.validate import accuracy
 from saltus.resources import resource
 
 RENDERERS: tuple[BackEnd, ...] = ("embree", "pyrender")
 DATA_SEEDS = {"fitted": 4031, "held-out": 4032}
-SIZES = {"small": ModelConfig(channels=(4, 8, 8), hidden=64, head=(64,)), "shipped": ModelConfig()}
+SIZES = {
+    "small": ModelSettings(channels=(4, 8, 8), hidden=64, head=(64,)),
+    "shipped": ModelSettings(),
+}
 HELD_OUT_SHARE = 0.25  # as many batches of what is held out for each that is trained on
 
 

@@ -17,7 +17,7 @@ from torch.nn import functional
 
 from saltus.heightmap.service.quantiles import INTERVAL90
 from saltus.heightmap.service.sight import Tick
-from saltus.heightmap.settings import ModelConfig
+from saltus.heightmap.settings import ModelSettings
 
 MAX_IMAGE_AGE_S = 0.5
 """An image older than this looks like one of this age; the service gives up at a third of it."""
@@ -65,7 +65,7 @@ class HeightmapModel(nn.Module):
     """Shape (WIDTHS,): what is added to the logarithm of an interval of each of these widths, and
     in between linearly; see `saltus.heightmap.training.calibration`."""
 
-    def __init__(self, config: ModelConfig, normalisation: Normalisation) -> None:
+    def __init__(self, config: ModelSettings, normalisation: Normalisation) -> None:
         super().__init__()
         self.config, self.hidden_size, self.points = (
             config,

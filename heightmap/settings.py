@@ -40,7 +40,7 @@ _NONE = "(default: none, true heights)"
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModelConfig:
+class ModelSettings:
     """Sizes of the network.
 
     Raises:
@@ -98,7 +98,7 @@ class PredictorTraining:
     """Where to train; auto: on a GPU where there is one."""
     save_every_s: float = 60.0
     """Time between checkpoints [s]."""
-    model: ModelConfig = field(default_factory=ModelConfig)
+    model: ModelSettings = field(default_factory=ModelSettings)
 
     def __post_init__(self) -> None:
         check_between(
@@ -192,7 +192,7 @@ class ClosedLoop(LoopSettings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DaggerConfig:
+class DaggerSettings:
     """A run of rounds; all of it but the number of rounds stays as it was begun.
 
     Raises:
@@ -227,7 +227,7 @@ class DaggerConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class ProcessorCollection:
-    """Robots that both planners drive on processors: what a round of `DaggerConfig` collects.
+    """Robots that both planners drive on processors: what a round of `DaggerSettings` collects.
 
     Raises:
         ConfigError: no batches, or a seed that is none.

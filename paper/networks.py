@@ -31,7 +31,7 @@ from saltus.heightmap.training.train import TrainingProgress, train
 from saltus.heightmap.training.validate import MIN_WARMUP
 from saltus.onnx_export import write_onnx
 from saltus.policy.bounds import ACTIONS
-from saltus.policy.env.settings import TrainConfig as PolicyConfig
+from saltus.policy.env.settings import TrainSettings as PolicyConfig
 from saltus.policy.features import PROPRIOCEPTION_SIZE
 from saltus.policy.tables import append_table
 from saltus.policy.training.checkpoint import config_of

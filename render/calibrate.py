@@ -160,13 +160,13 @@ def fit_place(
         RecordingError: what the camera sees is no level ground.
     """
     chosen = [pairs[int(i)] for i in np.unique(np.linspace(0, len(pairs) - 1, MOST_FRAMES).round())]
-    views = [View.of(frame, state, robot) for frame, state in chosen]
+    views = [SeenPoints.of(frame, state, robot) for frame, state in chosen]
     claimed = CameraPlace(
         pitch=float(robot.camera_pitch),
         roll=float(robot.camera_roll),
         height=float(robot.camera_position[2]),
     )
-    everything = View.joined(views)
+    everything = SeenPoints.joined(views)
     found = _fit(everything, _begin(everything, claimed))
     depth, sigma = everything.expected(found)
     near = np.abs(everything.over_ground(found)) < 4.0 * sigma
@@ -180,7 +180,7 @@ def fit_place(
             "ahead"
         )
     blocks = np.array_split(np.arange(len(views)), min(BLOCKS, len(views)))
-    parts = [_fit(View.joined([views[i] for i in block]), found) for block in blocks]
+    parts = [_fit(SeenPoints.joined([views[i] for i in block]), found) for block in blocks]
     spread = interval_90(np.array([part.numbers for part in parts]))
     position = (float(robot.camera_position[0]), float(robot.camera_position[1]), found.height)
     return Calibration(
@@ -202,7 +202,7 @@ def fit_place(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class View:
+class SeenPoints:
     """Points that a camera sees, for any number of images."""
 
     points: Floats
@@ -218,7 +218,7 @@ class View:
     """Claimed, as level ground does not tell it [rad]."""
 
     @classmethod
-    def of(cls, frame: DepthFrame, state: RobotState, robot: Robot) -> "View":
+    def of(cls, frame: DepthFrame, state: RobotState, robot: Robot) -> "SeenPoints":
         """Points of one image, with the state at which it was taken."""
         rays = ray_directions(intrinsics_of(frame))[::EVERY_PIXEL, ::EVERY_PIXEL]
         raw = frame.depth[::EVERY_PIXEL, ::EVERY_PIXEL]
@@ -233,7 +233,7 @@ class View:
         )  # fmt: skip
 
     @classmethod
-    def joined(cls, views: "Sequence[View]") -> "View":
+    def joined(cls, views: "Sequence[SeenPoints]") -> "SeenPoints":
         """Points of all views."""
         return cls(
             points=np.concatenate([view.points for view in views]),
@@ -274,7 +274,7 @@ class View:
         return np.stack([self.in_base(place)[:, 0], self.over_ground(place)], axis=-1)
 
 
-def _begin(view: View, claimed: CameraPlace) -> CameraPlace:
+def _begin(view: SeenPoints, claimed: CameraPlace) -> CameraPlace:
     """Place with the most points on the ground, of many about the claimed one."""
     few = replace(
         view, points=view.points[::20], up=view.up[::20], base_height=view.base_height[::20]
@@ -287,7 +287,7 @@ def _begin(view: View, claimed: CameraPlace) -> CameraPlace:
     )
 
 
-def _fit(view: View, place: CameraPlace) -> CameraPlace:
+def _fit(view: SeenPoints, place: CameraPlace) -> CameraPlace:
     """Gauss and Newton with Huber's weights; points off the ground do not count."""
     for gate in GATES_M:
         error, (depth, sigma) = view.over_ground(place), view.expected(place)

@@ -12,7 +12,7 @@ import numpy as np
 
 from saltus.arrays import Floats
 from saltus.errors import RecordingError
-from saltus.render.calibrate import BLOCKS, CameraPlace, View, in_range, interval_90
+from saltus.render.calibrate import BLOCKS, CameraPlace, SeenPoints, in_range, interval_90
 from saltus.robots.robot import Robot
 from saltus.rotations import rotation_matrix
 from saltus.wire.messages import DepthFrame, RobotState
@@ -69,7 +69,7 @@ def lateness(
     tried = np.arange(EARLIEST_S, LATEST_S + 0.5 * STEP_S, STEP_S)
     off = []
     for frame in [turning[i] for i in chosen] if turning else []:
-        view = View.of(frame, states[int(np.searchsorted(times, frame.time_ns))], robot)
+        view = SeenPoints.of(frame, states[int(np.searchsorted(times, frame.time_ns))], robot)
         points = view.in_base(place)[in_range(view.expected(place)[0])]
         if len(points) >= FEWEST_POINTS:
             at_s = 1e-9 * (frame.time_ns - times[0]) - tried

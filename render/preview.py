@@ -108,7 +108,7 @@ class Scale:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class View:
+class Viewpoint:
     """One pose to look from."""
 
     title: str
@@ -128,17 +128,17 @@ REACHING = np.array([0.8, -0.6, -0.95, -0.8, -0.6, -0.95])
 EFFECTS_VIEW = 3  # legs and terrain at different depths: every effect has something to act on
 
 
-def views(robot: Robot) -> tuple[View, ...]:
+def views(robot: Robot) -> tuple[Viewpoint, ...]:
     """The poses from which a robot looks."""
     stand = robot.stand_pose
     ahead = np.clip(np.concatenate([REACHING, stand[6:]]), robot.joint_lower, robot.joint_upper)
     return (
-        View(
+        Viewpoint(
             title="standing", before_edge=0.8, clearance=robot.stand_height, pitch=0.0, joints=stand
         ),
-        View(title="taking off", before_edge=0.4, clearance=0.35, pitch=-0.25, joints=stand),
-        View(title="in flight", before_edge=-0.3, clearance=0.40, pitch=0.15, joints=stand),
-        View(title="reaching ahead", before_edge=0.9, clearance=0.45, pitch=0.0, joints=ahead),
+        Viewpoint(title="taking off", before_edge=0.4, clearance=0.35, pitch=-0.25, joints=stand),
+        Viewpoint(title="in flight", before_edge=-0.3, clearance=0.40, pitch=0.15, joints=stand),
+        Viewpoint(title="reaching ahead", before_edge=0.9, clearance=0.45, pitch=0.0, joints=ahead),
     )
 
 
@@ -196,7 +196,7 @@ def course_figure(terrain: Terrain) -> go.Figure:
     return laid_out(figure, 330, x="x [m]", y="z [m]")
 
 
-def poses(terrain: Terrain, shown: Sequence[View]) -> Poses:
+def poses(terrain: Terrain, shown: Sequence[Viewpoint]) -> Poses:
     """The robots of views: positions, quaternions, joints."""
     edge = terrain.first_edge_x if np.isfinite(terrain.first_edge_x) else 1.5
     x = np.array([edge - view.before_edge for view in shown])
@@ -277,7 +277,7 @@ def cloud_figure(
 
 
 def _robots(
-    robot: Robot, terrain: Terrain, shown: Sequence[View], robots: Poses
+    robot: Robot, terrain: Terrain, shown: Sequence[Viewpoint], robots: Poses
 ) -> tuple[list[Picture], str]:
     """The robot in each pose, seen from aside; or why there is no way to draw it."""
     position, quaternion, joints = robots
@@ -299,7 +299,7 @@ def _source(picture: NDArray[np.uint8], quality: tuple[int, int]) -> str:
     return data_url("webp", cv2.imencode(".webp", picture, quality)[1])
 
 
-def _clean(view: View, scale: Scale, wide: Depth, narrow: Depth) -> list[Picture]:
+def _clean(view: Viewpoint, scale: Scale, wide: Depth, narrow: Depth) -> list[Picture]:
     nearest = float(wide.min())
     text = f"nearest {nearest:.2f} m" if np.isfinite(nearest) else "nothing within range"
     return [scale.picture(view.title, text, wide), scale.picture("", "", narrow)]

@@ -13,9 +13,9 @@ from saltus.onnx_export import write_onnx
 from saltus.policy.joints.description import PolicyDescription
 from saltus.policy.joints.policy import FIELD
 from saltus.policy.walking.description import description_of
-from saltus.policy.walking.settings import WalkConfig
+from saltus.policy.walking.settings import WalkSettings
 
-OURS = description_of(WalkConfig(), ROBOT)
+OURS = description_of(WalkSettings(), ROBOT)
 """Description of what is trained for the tests' robot by default."""
 
 

@@ -32,10 +32,10 @@ from saltus.heightmap.settings import DeviceLoop
 from saltus.loop.heights import true_heights
 from saltus.loop.loop import STAND_STEPS
 from saltus.policy.bounds import values_of
-from saltus.policy.env.curriculum import CurriculumConfig
+from saltus.policy.env.curriculum import CurriculumSettings
 from saltus.policy.env.env import JumpEnv
-from saltus.policy.env.randomisation import RandomisationConfig
-from saltus.policy.env.settings import TrainConfig
+from saltus.policy.env.randomisation import RandomisationSettings
+from saltus.policy.env.settings import TrainSettings
 from saltus.policy.features import PROPRIOCEPTION_SIZE, read
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.policy.training.export import DeployedPolicy
@@ -67,7 +67,7 @@ class DeviceRollouts:
         self._device = torch.device(device)
         self._rng = np.random.default_rng(seed)
         self._generator = torch.Generator(self._device).manual_seed(int(self._rng.integers(2**62)))
-        config = from_toml(TrainConfig, policy["config"]).env
+        config = from_toml(TrainSettings, policy["config"]).env
         self.profile = profile or config.profile
         """Profile of all robots."""
         config = replace(
@@ -179,15 +179,15 @@ class DeviceRollouts:
         return torch.rand(self.loop.robots, generator=self._generator, device=self._device)
 
 
-def _curriculum(loop: DeviceLoop) -> CurriculumConfig:
+def _curriculum(loop: DeviceLoop) -> CurriculumSettings:
     """The terrains of a loop on one level: who falls gets no easier course."""
     times = {name: float(loop.terrains.count(name)) for name in (*KINDS, *loop.terrains)}
     own = {name: share for name, share in times.items() if name not in KINDS}
     shares = {name: times[name] for name in KINDS}
-    return CurriculumConfig(**shares, own=own, levels=1, hardest=loop.hardest)
+    return CurriculumSettings(**shares, own=own, levels=1, hardest=loop.hardest)
 
 
-def _grown(randomisation: RandomisationConfig) -> RandomisationConfig:
+def _grown(randomisation: RandomisationSettings) -> RandomisationSettings:
     """As at the end of a training, whose ranges may have grown on the way."""
     return replace(randomisation, wide=replace(randomisation.wide, growth_msteps=(0.0, 0.0)))
 

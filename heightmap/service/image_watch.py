@@ -31,7 +31,7 @@ _DEGRADED_LOST = DEGRADED_LOST_SHARE * DEPTH.rate_hz * 1e-9 * WINDOW_NS
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class ArrivedImage:
     """An image that has arrived."""
 
     invalid_fraction: float
@@ -53,8 +53,8 @@ class ImageWatch:
         self._depth = depth
         self._loss = FrameLoss()
         self._started_ns: int | None = None
-        self.newest: View | None = None
-        self.view: View | None = None
+        self.newest: ArrivedImage | None = None
+        self.view: ArrivedImage | None = None
 
     def begin(self, now_ns: int) -> None:
         """Counts the time without any image from the first call on."""
@@ -74,7 +74,7 @@ class ImageWatch:
         self, frame: DepthFrame, invalid_fraction: float, arrival_ns: int, *, used: bool
     ) -> None:
         """Takes note of an image that was news, and of whether it is in use from now on."""
-        self.newest = View(invalid_fraction, frame.time_ns, frame.frame_id, arrival_ns)
+        self.newest = ArrivedImage(invalid_fraction, frame.time_ns, frame.frame_id, arrival_ns)
         self.view = self.newest if used else self.view
         self._loss.accept(frame.frame_id, frame.time_ns)
 

@@ -43,7 +43,7 @@ from saltus.heightmap.data.shards import (
     refuse_twice,
     write_shard,
 )
-from saltus.heightmap.settings import FURTHER_RATE, ClosedLoop, DaggerConfig, PredictorTraining
+from saltus.heightmap.settings import FURTHER_RATE, ClosedLoop, DaggerSettings, PredictorTraining
 from saltus.heightmap.training.export import Origin, export
 from saltus.heightmap.training.release import release
 from saltus.heightmap.training.train import TrainingProgress, load_checkpoint, train
@@ -71,7 +71,7 @@ class Observer:
 
 def dagger(
     directory: Path,
-    config: DaggerConfig,
+    config: DaggerSettings,
     observer: Observer,
     *,
     start: Path | None = None,
@@ -134,19 +134,21 @@ def dagger(
     return folder / MODEL
 
 
-def begun_settings(directory: Path) -> DaggerConfig:
+def begun_settings(directory: Path) -> DaggerSettings:
     """The settings that a run was begun with; `DatasetError` where its file is damaged."""
     path = directory / BEGUN
     try:
         begun = json.loads(path.read_text(encoding="utf-8"))
         return from_table(
-            DaggerConfig, {name: value for name, value in begun.items() if name not in _DIGESTS}
+            DaggerSettings, {name: value for name, value in begun.items() if name not in _DIGESTS}
         )
     except (OSError, ValueError, AttributeError, ConfigError) as error:
         raise DatasetError(f"{path} is damaged: {error}") from error
 
 
-def _remember(directory: Path, config: DaggerConfig, start: Path | None, base: Path | None) -> None:
+def _remember(
+    directory: Path, config: DaggerSettings, start: Path | None, base: Path | None
+) -> None:
     """Writes down how a run began, or compares with how it did."""
     wanted = {
         **{name: value for name, value in asdict(config).items() if name != "rounds"},
@@ -202,7 +204,7 @@ def _collect(
     data: Path,
     index: int,
     before: Path | None,
-    config: DaggerConfig,
+    config: DaggerSettings,
     observer: Observer,
     batches: Batches,
 ) -> None:
@@ -225,7 +227,7 @@ def _watched(batches: Iterable[list[Episode]], index: int, observer: Observer) -
 
 
 def _train(
-    folder: Path, index: int, before: Path | None, config: DaggerConfig, observer: Observer
+    folder: Path, index: int, before: Path | None, config: DaggerSettings, observer: Observer
 ) -> None:
     """Trains on all rounds so far, begins with the last predictor,
     and exports and measures the next.

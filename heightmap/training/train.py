@@ -31,7 +31,7 @@ from saltus.heightmap.data.shards import (
 from saltus.heightmap.model import WIDTHS, HeightEstimate, HeightmapModel, Normalisation
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.quantiles import INTERVAL90
-from saltus.heightmap.settings import ModelConfig, PredictorTraining
+from saltus.heightmap.settings import ModelSettings, PredictorTraining
 from saltus.heightmap.training.calibration import calibrate
 from saltus.heightmap.training.dataset import (
     NO_NOISE,
@@ -226,7 +226,7 @@ def load_checkpoint(checkpoint: Path) -> tuple[HeightmapModel, TrainingOrigin]:
     try:
         sizes = table["origin"]["config"]["model"]
         shapes = {name: table["model"][name] for name in Normalisation._fields}
-        config = ModelConfig(
+        config = ModelSettings(
             channels=tuple(sizes["channels"]), hidden=sizes["hidden"], head=tuple(sizes["head"])
         )
         model = HeightmapModel(config, Normalisation(**shapes))
@@ -249,7 +249,7 @@ def settings_of(checkpoint: Path) -> PredictorTraining:
     _, training = load_checkpoint(checkpoint)
     try:
         return PredictorTraining(
-            **{**training["config"], "model": ModelConfig(**training["config"]["model"])}
+            **{**training["config"], "model": ModelSettings(**training["config"]["model"])}
         )
     except (TypeError, ConfigError) as error:
         raise ModelError(

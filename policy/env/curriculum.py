@@ -16,7 +16,7 @@ from saltus.terrain.table import CourseTable
 
 
 @dataclass(frozen=True, kw_only=True)
-class CurriculumConfig:
+class CurriculumSettings:
     """Kinds of terrain, levels, and what is asked for a promotion."""
 
     flat: float = 0.05
@@ -110,7 +110,12 @@ def kinds_of_robots(shares: Mapping[str, float], count: int) -> list[int]:
 
 
 def next_level(
-    config: CurriculumConfig, level: Array, way: Array, failed: Array, finished: Array, draw: Array
+    config: CurriculumSettings,
+    level: Array,
+    way: Array,
+    failed: Array,
+    finished: Array,
+    draw: Array,
 ) -> Array:
     """Level of the next course, whole numbers as floats.
 
@@ -154,6 +159,6 @@ def moved_level(
     return xp.where(is_drawn | (moved >= levels), drawn, moved)
 
 
-def difficulty(config: CurriculumConfig, level: Array, draw: Array) -> Array:
+def difficulty(config: CurriculumSettings, level: Array, draw: Array) -> Array:
     """Difficulty of a course of `level`, shape (n,)."""
     return config.hardest * (level + draw) / config.levels

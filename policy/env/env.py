@@ -32,7 +32,7 @@ from saltus.policy.env.episode import Episodes
 from saltus.policy.env.memory import Memory, blank_memory, keep, store
 from saltus.policy.env.randomisation import training_drives
 from saltus.policy.env.rewards import RewardInputs, reward_terms
-from saltus.policy.env.settings import EnvConfig
+from saltus.policy.env.settings import EnvSettings
 from saltus.policy.env.training_env import TrainingEnv, Transition
 from saltus.policy.env.views import Views
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
@@ -75,7 +75,7 @@ class JumpEnv(TrainingEnv):
     def __init__(
         self,
         engine: Engine,
-        config: EnvConfig,
+        config: EnvSettings,
         grid: HeightGrid,
         *,
         seed: int,

@@ -16,7 +16,7 @@ from saltus.effects.profile import Profile
 from saltus.policy.env.curriculum import difficulty, next_level
 from saltus.policy.env.memory import Memory, store
 from saltus.policy.env.randomisation import BODY_DRAWS, SOFT_RUBBER, draw_bodies, draw_wide
-from saltus.policy.env.settings import EnvConfig
+from saltus.policy.env.settings import EnvSettings
 from saltus.policy.env.views import Views
 from saltus.robots.legs import LegKinematics
 from saltus.rotations import quaternion_from_roll_pitch_yaw, roll_pitch_yaw, rotation_matrix
@@ -43,7 +43,7 @@ class Episodes:
     def __init__(
         self,
         memory: Memory,
-        config: EnvConfig,
+        config: EnvSettings,
         engine: Engine,
         estimator: Estimator,
         views: Views,

@@ -71,7 +71,7 @@ class Memory:
     slope: Tensor
     floor: Tensor
     course: Tensor  # of a family of one's own: its place in the table, see `saltus.terrain.table`
-    # drawn only where `saltus.policy.env.randomisation.WideConfig` is on
+    # drawn only where `saltus.policy.env.randomisation.WideSettings` is on
     joint_friction: Tensor
     joint_damping: Tensor
     softness: Tensor

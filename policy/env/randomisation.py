@@ -41,7 +41,7 @@ WIDE = {
     "joint_damping": 10.0, "joint_friction": 10.0, "softness": 1.0, "command_delay_s": 100.0,
     "push_mps": 1.0, "friction": 1.0,
 }  # fmt: skip
-"""Values that `WideConfig` draws, by their names in `saltus.policy.env.memory.Memory`, each from
+"""Values that `WideSettings` draws, by their names in `saltus.policy.env.memory.Memory`, each from
 one uniform random number; and what makes it about 1 for the critic."""
 WIDE_DRAWS = ColumnNames(**dict.fromkeys(WIDE, ()))
 SOFT_RUBBER = {
@@ -56,7 +56,7 @@ time constant, about the impedance of Menagerie's Go1, and the frictions of its 
 
 
 @dataclass(frozen=True, kw_only=True)
-class WideConfig:
+class WideSettings:
     """Draws that some robots meet beyond the definition of a trial:
     nothing, unless `share` is more than 0.
 
@@ -115,7 +115,7 @@ class WideConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RandomisationConfig:
+class RandomisationSettings:
     """Ranges; a robot's values hold for one episode.
 
     Those of a trial, and what the original left out.
@@ -148,7 +148,7 @@ class RandomisationConfig:
     start_x_m: float = 0.2  # +-; definition of a trial
     start_yaw_rad: float = 0.1  # +-; twice that of a trial
     start_joint_rad: float = 0.05  # +-; how exactly a robot stands up
-    wide: WideConfig = field(default_factory=WideConfig)
+    wide: WideSettings = field(default_factory=WideSettings)
 
     def __post_init__(self) -> None:
         period, spread = (1e-3, 1e12), (0.0, 10.0)
@@ -173,7 +173,7 @@ class RandomisationConfig:
                 raise ConfigError(f"{name} = {(low, high)}: the lowest comes first")
 
 
-def draw_bodies(config: RandomisationConfig, draws: Array) -> dict[str, Array]:
+def draw_bodies(config: RandomisationSettings, draws: Array) -> dict[str, Array]:
     """Makes bodies from uniform numbers in [0, 1), shape (n, BODY_DRAWS.count).
 
     Returns:
@@ -196,7 +196,7 @@ def draw_bodies(config: RandomisationConfig, draws: Array) -> dict[str, Array]:
 
 
 def draw_wide(
-    config: RandomisationConfig, usual_friction: Array, mass_kg: float, grown: Array, draws: Array
+    config: RandomisationSettings, usual_friction: Array, mass_kg: float, grown: Array, draws: Array
 ) -> dict[str, Array]:
     """Makes what `WIDE` names, each of shape (n,).
 
@@ -225,7 +225,7 @@ def draw_wide(
 
 
 def training_drives(
-    robot: Robot, profile: Profile, config: RandomisationConfig, memory: Any
+    robot: Robot, profile: Profile, config: RandomisationSettings, memory: Any
 ) -> ActuatorChain:
     """The chain of all robots.
 

@@ -12,7 +12,7 @@ from saltus.config import check_between
 
 
 @dataclass(frozen=True, kw_only=True)
-class RewardConfig:
+class RewardSettings:
     """Weight of each term."""
 
     alive: float = 0.02
@@ -37,7 +37,7 @@ class RewardConfig:
         check_between(self, **dict.fromkeys((f.name for f in fields(self)), (-1e6, 1e6)))
 
 
-TERMS = tuple(f.name for f in fields(RewardConfig))
+TERMS = tuple(f.name for f in fields(RewardSettings))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,7 +89,7 @@ _FARTHEST = 4.0
 _FREE_SPEED, _FASTEST = 0.9, 1.3
 
 
-def reward_terms(config: RewardConfig, given: RewardInputs) -> Array:
+def reward_terms(config: RewardSettings, given: RewardInputs) -> Array:
     """All terms, weighted, in the order of `TERMS`, shape (n, len(TERMS))."""
     xp = namespace(given.stepping_frequency)
     frequency = given.stepping_frequency

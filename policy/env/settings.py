@@ -1,4 +1,4 @@
-"""Configuration of a training: one dataclass that is the TOML,
+"""Settings of a training: one dataclass that is the TOML,
 the flags, and what a checkpoint holds.
 """
 
@@ -11,9 +11,9 @@ from saltus.config import check_between
 from saltus.effects.profile import Profile
 from saltus.errors import ConfigError
 from saltus.policy.bounds import ActionBounds
-from saltus.policy.env.curriculum import CurriculumConfig
-from saltus.policy.env.randomisation import RandomisationConfig
-from saltus.policy.env.rewards import RewardConfig
+from saltus.policy.env.curriculum import CurriculumSettings
+from saltus.policy.env.randomisation import RandomisationSettings
+from saltus.policy.env.rewards import RewardSettings
 from saltus.policy.features import check_past_steps
 
 MOST_ROBOTS = 2**18
@@ -23,7 +23,7 @@ SMALLEST, LARGEST = 1e-9, 1e6
 
 
 @dataclass(frozen=True, kw_only=True)
-class EpisodeConfig:
+class EpisodeSettings:
     """When an episode is over."""
 
     time_limit_s: float = 10.0
@@ -50,14 +50,14 @@ class EpisodeConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class EnvConfig:
+class EnvSettings:
     """Everything that shapes the task."""
 
     bounds: ActionBounds = field(default_factory=ActionBounds)
-    reward: RewardConfig = field(default_factory=RewardConfig)
-    randomisation: RandomisationConfig = field(default_factory=RandomisationConfig)
-    curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
-    episode: EpisodeConfig = field(default_factory=EpisodeConfig)
+    reward: RewardSettings = field(default_factory=RewardSettings)
+    randomisation: RandomisationSettings = field(default_factory=RandomisationSettings)
+    curriculum: CurriculumSettings = field(default_factory=CurriculumSettings)
+    episode: EpisodeSettings = field(default_factory=EpisodeSettings)
     past_steps: Annotated[tuple[int, ...], tyro.conf.arg(help_behavior_hint="(default: none)")] = ()
     """Instants that the policy recalls, in steps of 10 ms before the present one, ascending."""
     profile: Annotated[str, tyro.conf.arg(prefix_name=False)] = "shipped"
@@ -77,7 +77,7 @@ class EnvConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LearningConfig:
+class LearningSettings:
     """Networks and PPO; original where nothing else is said."""
 
     hidden: tuple[int, ...] = (512, 256, 128)
@@ -152,7 +152,7 @@ class LearningConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainConfig:
+class TrainSettings:
     """One training: what is learned, from what, and how."""
 
     robot: str
@@ -164,8 +164,8 @@ class TrainConfig:
     """Robots of each process."""
     seed: int = 0
     """Seed of all random draws."""
-    env: EnvConfig = field(default_factory=EnvConfig)
-    learning: LearningConfig = field(default_factory=LearningConfig)
+    env: EnvSettings = field(default_factory=EnvSettings)
+    learning: LearningSettings = field(default_factory=LearningSettings)
 
     def __post_init__(self) -> None:
         check_between(self, robots=(1, MOST_ROBOTS), seed=(0, 2**32))
@@ -177,20 +177,20 @@ class TrainConfig:
             )
 
 
-def for_gpu(robot: str, grid: str) -> TrainConfig:
+def for_gpu(robot: str, grid: str) -> TrainSettings:
     """Settings for one GPU: the paper's terrains."""
-    return TrainConfig(robot=robot, grid=grid, robots=16384)
+    return TrainSettings(robot=robot, grid=grid, robots=16384)
 
 
-def for_cpu(robot: str, grid: str) -> TrainConfig:
+def for_cpu(robot: str, grid: str) -> TrainSettings:
     """Settings for two cores: to bound on flat ground within minutes,
     with networks a twelfth of the size.
     """
-    flat = CurriculumConfig(flat=1.0, stairs=0.0, stepping_stones=0.0, step=0.0, gap=0.0)
-    return TrainConfig(
+    flat = CurriculumSettings(flat=1.0, stairs=0.0, stepping_stones=0.0, step=0.0, gap=0.0)
+    return TrainSettings(
         robot=robot,
         grid=grid,
         robots=256,
-        env=EnvConfig(curriculum=flat),
-        learning=LearningConfig(hidden=(128, 128, 64), epochs=4),
+        env=EnvSettings(curriculum=flat),
+        learning=LearningSettings(hidden=(128, 128, 64), epochs=4),
     )

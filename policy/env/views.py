@@ -9,7 +9,7 @@ from saltus.grid import HeightGrid
 from saltus.loop.planner import observe
 from saltus.policy.env.memory import Memory, store
 from saltus.policy.env.randomisation import WIDE
-from saltus.policy.env.settings import EnvConfig
+from saltus.policy.env.settings import EnvSettings
 from saltus.policy.features import PROPRIOCEPTION_SIZE, features, remembered, size_with, with_past
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
@@ -34,7 +34,7 @@ class Views:
         robot: Robot,
         grid: HeightGrid,
         memory: Memory,
-        config: EnvConfig,
+        config: EnvSettings,
         states: Callable[[], Proprioception],
         qpos: Tensor,
         qvel: Tensor,
@@ -184,4 +184,4 @@ class Views:
 
 
 PRIVILEGED = 14 + 3 + 3 + 2 + 4 + 10 + len(FAR_X)
-"""Length of what the critic sees besides the policy's vector, without what `WideConfig` adds."""
+"""Length of what the critic sees besides the policy's vector, without what `WideSettings` adds."""

@@ -16,7 +16,7 @@ from saltus.model_file import ModelFile
 from saltus.onnx_export import round_to_half, write_onnx
 from saltus.policy.actor import FORMAT, PolicyActor
 from saltus.policy.bounds import ACTIONS, ActionBounds
-from saltus.policy.env.settings import TrainConfig
+from saltus.policy.env.settings import TrainSettings
 from saltus.policy.features import layout, size_with
 from saltus.policy.training.checkpoint import (
     NETWORK,
@@ -99,7 +99,7 @@ def read_policy(path: Path) -> dict[str, object]:
     return state | {"actor_state_dict": exported_actor(_actor(config_of(state)), file)}
 
 
-def _actor(config: TrainConfig) -> MLPModel:
+def _actor(config: TrainSettings) -> MLPModel:
     like = TensorDict(
         {"policy": torch.zeros(1, size_with(load_grid(config.grid), config.env.past_steps))},
         batch_size=[1],

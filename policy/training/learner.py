@@ -15,7 +15,7 @@ from saltus.errors import SaltusError
 from saltus.model_file import ModelFile
 from saltus.policy.bounds import ACTIONS, ActionBounds
 from saltus.policy.env.env import JumpEnv
-from saltus.policy.env.settings import LearningConfig
+from saltus.policy.env.settings import LearningSettings
 from saltus.policy.env.training_env import TrainingEnv, Transition
 from saltus.policy.training.checkpoint import (
     config_of,
@@ -43,7 +43,7 @@ class Learner:
     def __init__(
         self,
         env: TrainingEnv,
-        config: LearningConfig,
+        config: LearningSettings,
         actor: MLPModel,
         distributed: tuple[int, int] = (0, 1),
     ) -> None:
@@ -191,7 +191,7 @@ class JumpLearner(Learner):
     """The learner of the jumping policy."""
 
     def __init__(
-        self, env: JumpEnv, config: LearningConfig, distributed: tuple[int, int] = (0, 1)
+        self, env: JumpEnv, config: LearningSettings, distributed: tuple[int, int] = (0, 1)
     ) -> None:
         self._bounds = env.config.bounds
         actor = make_actor(observation_of(env.transition()), config, self._bounds)
@@ -215,7 +215,7 @@ class JumpLearner(Learner):
             self._share_parameters()
 
 
-def make_actor(observation: TensorDict, config: LearningConfig, bounds: ActionBounds) -> MLPModel:
+def make_actor(observation: TensorDict, config: LearningSettings, bounds: ActionBounds) -> MLPModel:
     """An untrained actor; `observation` gives the size of its input."""
     gaussian = {
         "class_name": "rsl_rl.modules.distribution:GaussianDistribution",

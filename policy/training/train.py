@@ -21,7 +21,7 @@ from saltus.gpu import has_gpu
 from saltus.grid import load_grid
 from saltus.model_file import ModelFile
 from saltus.policy.env.env import JumpEnv
-from saltus.policy.env.settings import EnvConfig, TrainConfig
+from saltus.policy.env.settings import EnvSettings, TrainSettings
 from saltus.policy.training.learner import JumpLearner, Learner
 from saltus.policy.training.progress import JumpTally
 from saltus.policy.training.training_record import TrainingRecord
@@ -41,7 +41,7 @@ class Rank:
 
 
 def make_engine(
-    robot: Robot, count: int, config: EnvConfig, device: str, threads: int = 0
+    robot: Robot, count: int, config: EnvSettings, device: str, threads: int = 0
 ) -> Engine:
     """The physics of an environment on a device, "cpu" or "cuda:N"."""
     boxes, dimensions = (
@@ -58,7 +58,7 @@ def make_engine(
 
 
 def train(
-    config: TrainConfig,
+    config: TrainSettings,
     folder: Path,
     *,
     minutes: float,

@@ -11,7 +11,7 @@ from saltus.extras import packages_of
 from saltus.flags import shown
 from saltus.policy.training.files import CHECKPOINT
 from saltus.policy.training.training_command import TrainingCommand
-from saltus.policy.walking.settings import WalkTrainConfig
+from saltus.policy.walking.settings import WalkTrainSettings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,11 +31,11 @@ class Train(TrainingCommand):
 
     minutes: float = 40.0
     """Time limit, with compilation."""
-    training: Annotated[WalkTrainConfig, tyro.conf.arg(name="")]
+    training: Annotated[WalkTrainSettings, tyro.conf.arg(name="")]
 
-    def usual(self) -> WalkTrainConfig:
+    def usual(self) -> WalkTrainSettings:
         """Settings of a GPU where nothing is given and no training goes on."""
-        return WalkTrainConfig(robot=self.training.robot)
+        return WalkTrainSettings(robot=self.training.robot)
 
     def run(self) -> int:
         """Trains to the end of the time; saves where it is interrupted.
@@ -98,7 +98,7 @@ class Eval:
     grounds: tuple[str, ...] = ("plain", "rubble")
     """Families of terrain."""
     level: int = 5
-    """Level of the ground, see `GroundConfig.levels`."""
+    """Level of the ground, see `GroundSettings.levels`."""
     robots: int = 20
     """Robots on each ground, which all begin at once."""
     seconds: float = 20.0

@@ -6,13 +6,13 @@ turning follows from a heading.
 """
 
 from saltus.arrays import Array, ColumnNames, Places, Scalars, namespace
-from saltus.policy.walking.settings import CommandConfig
+from saltus.policy.walking.settings import CommandSettings
 
 DRAWS = ColumnNames(when=(), ahead=(), aside=(), turn=(), standing=())
 """Uniform random numbers of a command."""
 
 
-def draw_command(config: CommandConfig, wide: Array, draws: Array) -> tuple[Places, Array]:
+def draw_command(config: CommandSettings, wide: Array, draws: Array) -> tuple[Places, Array]:
     """New commands.
 
     Args:
@@ -39,7 +39,7 @@ def draw_command(config: CommandConfig, wide: Array, draws: Array) -> tuple[Plac
 
 
 def followed(
-    config: CommandConfig, drawn: Places, wide: Array, standing: Array, y: Scalars, yaw: Scalars
+    config: CommandSettings, drawn: Places, wide: Array, standing: Array, y: Scalars, yaw: Scalars
 ) -> Places:
     """The command of this instant: nothing for who stands, elsewhere a turning to the heading.
 

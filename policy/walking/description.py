@@ -9,7 +9,7 @@ from saltus.arrays import Floats
 from saltus.dialects import dialect_of
 from saltus.grid import SCAN
 from saltus.policy.joints.description import Part, PartName, PolicyDescription
-from saltus.policy.walking.settings import WalkConfig
+from saltus.policy.walking.settings import WalkSettings
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import JOINTS, Robot
 
@@ -29,7 +29,7 @@ POLICY_HZ = 50
 """Rate of the policy; IsaacLab's, legged_gym's and mjlab's."""
 
 
-def description_of(config: WalkConfig, robot: Robot) -> PolicyDescription:
+def description_of(config: WalkSettings, robot: Robot) -> PolicyDescription:
     """Description of a policy that is trained with this configuration."""
     drives, command = config.drives, config.command
     low, high = command.ahead_mps

@@ -36,7 +36,7 @@ from saltus.policy.walking.ground import Ground, in_trench
 from saltus.policy.walking.memory import WalkMemory, blank_memory
 from saltus.policy.walking.rewards import AIR_TIME_S, RewardInputs, reward_terms, total
 from saltus.policy.walking.scan_errors import ScanErrors
-from saltus.policy.walking.settings import WalkConfig
+from saltus.policy.walking.settings import WalkSettings
 from saltus.robots.robot import JOINTS
 from saltus.rotations import quaternion_from_roll_pitch_yaw, roll_pitch_yaw, rotation_matrix
 from saltus.sim.engine import Engine
@@ -72,7 +72,7 @@ class WalkEnv(TrainingEnv):
     memory: WalkMemory
 
     def __init__(
-        self, engine: Engine, config: WalkConfig, *, seed: int, device: str = "cpu"
+        self, engine: Engine, config: WalkSettings, *, seed: int, device: str = "cpu"
     ) -> None:
         super().__init__(engine, device, seed, len(JOINTS))
         self.config = config

@@ -15,7 +15,7 @@ from saltus.policy.evaluation.tracking import tracking_errors
 from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.walking.description import POLICY_HZ
 from saltus.policy.walking.env import TALLY, WalkEnv
-from saltus.policy.walking.settings import WalkConfig, WalkTrainConfig
+from saltus.policy.walking.settings import WalkSettings, WalkTrainSettings
 from saltus.policy.walking.train import make_engine
 from saltus.robots.loading import load_robot
 
@@ -101,11 +101,11 @@ def evaluate(
     )  # fmt: skip
 
 
-def trained_with(policy: JointPolicy) -> WalkTrainConfig:
+def trained_with(policy: JointPolicy) -> WalkTrainSettings:
     """Configuration of the training that a policy came from; `ModelError` of somebody else's."""
-    return from_toml(WalkTrainConfig, policy.file.field("config"))
+    return from_toml(WalkTrainSettings, policy.file.field("config"))
 
 
-def _on(config: WalkConfig, ground: str, exact: bool) -> WalkConfig:
+def _on(config: WalkSettings, ground: str, exact: bool) -> WalkSettings:
     scan = replace(config.scan, seen_m=0.0, unseen=0.0, shift_m=0.0) if exact else config.scan
     return replace(config, ground=replace(config.ground, shares={ground: 1.0}), scan=scan)

@@ -9,7 +9,7 @@ from tensordict import TensorDict
 from torch import Tensor, nn
 
 from saltus.onnx_export import write_onnx
-from saltus.policy.env.settings import LearningConfig
+from saltus.policy.env.settings import LearningSettings
 from saltus.policy.joints.policy import FIELD
 from saltus.policy.training.checkpoint import (
     NETWORK,
@@ -19,7 +19,7 @@ from saltus.policy.training.checkpoint import (
 )
 from saltus.policy.training.learner import GROUPS
 from saltus.policy.walking.description import SIZE, description_of
-from saltus.policy.walking.settings import WalkTrainConfig
+from saltus.policy.walking.settings import WalkTrainSettings
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import JOINTS
 
@@ -27,7 +27,7 @@ MODEL = "walk.onnx"
 """Name of the file in a training's folder."""
 
 
-def make_actor(config: LearningConfig) -> MLPModel:
+def make_actor(config: LearningSettings) -> MLPModel:
     """An untrained actor."""
     like = TensorDict({"policy": torch.zeros(1, SIZE)}, batch_size=[1])
     gaussian = {
@@ -48,7 +48,7 @@ class DeployedWalk(nn.Module):
 
     def __init__(self, checkpoint: dict[str, Any]) -> None:
         super().__init__()
-        self.config = config_of(checkpoint, WalkTrainConfig)
+        self.config = config_of(checkpoint, WalkTrainSettings)
         actor = make_actor(self.config.learning)
         self.network = deployed_network(actor, checkpoint)
 
@@ -77,7 +77,7 @@ def export(checkpoint: Path, path: Path) -> None:
     )
 
 
-def metadata(config: WalkTrainConfig, state: dict[str, Any]) -> dict[str, Any]:
+def metadata(config: WalkTrainSettings, state: dict[str, Any]) -> dict[str, Any]:
     """The card: everything that somebody needs to run the file, and how it came about."""
     description = description_of(config.env, load_robot(config.robot))
     return {

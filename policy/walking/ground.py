@@ -7,7 +7,7 @@ step; the scan reaches no further than 1 m.
 import torch
 from torch import Tensor
 
-from saltus.policy.walking.settings import GroundConfig
+from saltus.policy.walking.settings import GroundSettings
 from saltus.terrain.boxes import Boxes
 
 MISSED_M = 0.1
@@ -40,7 +40,7 @@ def in_trench(boxes: Boxes, foot: Tensor) -> Tensor:
 class Ground:
     """All courses on one device."""
 
-    def __init__(self, config: GroundConfig, like: Tensor) -> None:
+    def __init__(self, config: GroundSettings, like: Tensor) -> None:
         self.config, self.table = config, config.table.like(like)
         solid = self.table.solid
         low, high = (solid.center[..., :2] + side * solid.extent[..., :2] for side in (-1.0, 1.0))
@@ -57,7 +57,7 @@ class Ground:
             position: Of its base [m], shape (n, 2).
 
         Returns:
-            Arrays of shape (n, `GroundConfig.boxes`, ...).
+            Arrays of shape (n, `GroundSettings.boxes`, ...).
         """
         here = position[:, None]
         beyond = torch.maximum(self._low[course] - here, here - self._high[course]).clamp(min=0.0)

@@ -33,8 +33,8 @@ class WalkMemory:
     standing: Tensor  # bool
     command: Tensor  # (3,)
     # the episode
-    kind: Tensor  # int64, place of its family in `GroundConfig.shares`
-    wide: Tensor  # bool, see `GroundConfig.wide`
+    kind: Tensor  # int64, place of its family in `GroundSettings.shares`
+    wide: Tensor  # bool, see `GroundSettings.wide`
     level: Tensor
     course: Tensor  # int64, place in the table
     way_m: Tensor  # as commanded, along the command

@@ -4,9 +4,9 @@ from dataclasses import dataclass, fields
 
 from saltus.arrays import Array, Joints, Places, Scalars, namespace
 from saltus.policy.walking.description import POLICY_HZ
-from saltus.policy.walking.settings import RewardConfig
+from saltus.policy.walking.settings import RewardSettings
 
-TERMS = tuple(f.name for f in fields(RewardConfig))
+TERMS = tuple(f.name for f in fields(RewardSettings))
 SHARPNESS = 0.25  # (m/s)^2 or (rad/s)^2: squared error at which tracking earns 1/e; legged_gym's
 AIR_TIME_S = 0.5  # a step that lasts longer earns, a shorter one costs; legged_gym's
 LEAST_COMMAND = 0.1  # m/s or rad/s; who is asked for less need not step; legged_gym's
@@ -50,7 +50,7 @@ class RewardInputs:
     """The episode ended with a fall, bool, shape (n,)."""
 
 
-def reward_terms(config: RewardConfig, given: RewardInputs) -> Array:
+def reward_terms(config: RewardSettings, given: RewardInputs) -> Array:
     """All terms, weighted, in the order of `TERMS`, of one policy step; shape (n, len(TERMS))."""
     xp = namespace(given.velocity)
     zero = xp.zeros_like(given.velocity[:, 0])

@@ -4,13 +4,13 @@ from dataclasses import dataclass, field, fields
 
 from saltus.config import check_between
 from saltus.errors import ConfigError
-from saltus.policy.env.randomisation import RandomisationConfig
-from saltus.policy.env.settings import LARGEST, MOST_ROBOTS, SMALLEST, LearningConfig
+from saltus.policy.env.randomisation import RandomisationSettings
+from saltus.policy.env.settings import LARGEST, MOST_ROBOTS, SMALLEST, LearningSettings
 from saltus.terrain.table import CourseTable
 
 
 @dataclass(frozen=True, kw_only=True)
-class GroundConfig:
+class GroundSettings:
     """Kinds of ground, their levels, and which of a ground's boxes a robot has."""
 
     shares: dict[str, float] = field(
@@ -63,7 +63,7 @@ class GroundConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CommandConfig:
+class CommandSettings:
     """Velocities that are asked for, in the yaw frame of the base."""
 
     ahead_mps: tuple[float, float] = (-0.8, 1.2)
@@ -91,7 +91,7 @@ class CommandConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RewardConfig:
+class RewardSettings:
     """Weight of each term, per second; IsaacLab's for the Go1 where nothing else is said."""
 
     linear_velocity: float = 1.5
@@ -120,7 +120,7 @@ class RewardConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScanConfig:
+class ScanSettings:
     """Errors of heights, as of the shipped scan on the Go1's mount (models/scan.md)."""
 
     image_hz: float = 30.0
@@ -150,7 +150,7 @@ class ScanConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SensorConfig:
+class SensorSettings:
     """Noise of proprioception, uniform to either side; IsaacLab's but for joint velocities."""
 
     angular_velocity: float = 0.2
@@ -165,7 +165,7 @@ class SensorConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DriveConfig:
+class DriveSettings:
     """From actions to joint targets: a pose plus `scale` times the action."""
 
     height: float = 0.7
@@ -189,16 +189,16 @@ class DriveConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class WalkConfig:
+class WalkSettings:
     """Everything that shapes the task."""
 
-    ground: GroundConfig = field(default_factory=GroundConfig)
-    command: CommandConfig = field(default_factory=CommandConfig)
-    reward: RewardConfig = field(default_factory=RewardConfig)
-    scan: ScanConfig = field(default_factory=ScanConfig)
-    sensors: SensorConfig = field(default_factory=SensorConfig)
-    drives: DriveConfig = field(default_factory=DriveConfig)
-    randomisation: RandomisationConfig = field(default_factory=RandomisationConfig)
+    ground: GroundSettings = field(default_factory=GroundSettings)
+    command: CommandSettings = field(default_factory=CommandSettings)
+    reward: RewardSettings = field(default_factory=RewardSettings)
+    scan: ScanSettings = field(default_factory=ScanSettings)
+    sensors: SensorSettings = field(default_factory=SensorSettings)
+    drives: DriveSettings = field(default_factory=DriveSettings)
+    randomisation: RandomisationSettings = field(default_factory=RandomisationSettings)
     """Bodies, drives and pushes of jumping; its shift of heights and its torque are not used."""
     dialect: str = "isaaclab"
     """Dialect in which the policy reads heights, see `saltus.dialects`."""
@@ -213,7 +213,7 @@ class WalkConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class WalkTrainConfig:
+class WalkTrainSettings:
     """One training: what is learned, from what, and how."""
 
     robot: str
@@ -222,9 +222,9 @@ class WalkTrainConfig:
     """Robots of each process."""
     seed: int = 0
     """Seed of all random draws."""
-    env: WalkConfig = field(default_factory=WalkConfig)
-    learning: LearningConfig = field(
-        default_factory=lambda: LearningConfig(
+    env: WalkSettings = field(default_factory=WalkSettings)
+    learning: LearningSettings = field(
+        default_factory=lambda: LearningSettings(
             first_std=0.8, std_range=(0.05, 2.0), first_entropy=0.005
         )
     )

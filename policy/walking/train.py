@@ -12,7 +12,7 @@ from saltus.policy.training.training_record import TrainingRecord
 from saltus.policy.walking.env import WalkEnv
 from saltus.policy.walking.export import MODEL, export, make_actor
 from saltus.policy.walking.progress import WalkTally
-from saltus.policy.walking.settings import WalkTrainConfig
+from saltus.policy.walking.settings import WalkTrainSettings
 from saltus.provenance import commit
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
@@ -22,7 +22,7 @@ SAVE_S = 45.0
 """Between checkpoints: a machine may be taken away."""
 
 
-def make_engine(robot: Robot, config: WalkTrainConfig, device: str, threads: int = 0) -> Engine:
+def make_engine(robot: Robot, config: WalkTrainSettings, device: str, threads: int = 0) -> Engine:
     """The physics of an environment on a device, "cpu" or "cuda:N"."""
     boxes = config.env.ground.boxes
     if device == "cpu":
@@ -35,7 +35,7 @@ def make_engine(robot: Robot, config: WalkTrainConfig, device: str, threads: int
 
 
 def train(
-    config: WalkTrainConfig,
+    config: WalkTrainSettings,
     folder: Path,
     *,
     minutes: float,

@@ -11,7 +11,7 @@ from saltus.effects.profile import SHIPPED, load_profile
 from saltus.files import whole_folder
 from saltus.heightmap.collection import collect
 from saltus.heightmap.settings import DeviceCollection, DeviceLoop, ProcessorCollection
-from saltus.policy.env.settings import LearningConfig
+from saltus.policy.env.settings import LearningSettings
 from saltus.policy.training.command import Train
 from saltus.policy.training.files import CHECKPOINT
 from saltus.real2sim.cycle.folder import CycleFolder
@@ -21,17 +21,17 @@ from saltus.resources import resource
 from saltus.used_networks import model_path
 
 FURTHER_KL = 0.01
-"""Step of a policy that is trained further: `LearningConfig.desired_kl`, with which trainings
+"""Step of a policy that is trained further: `LearningSettings.desired_kl`, with which trainings
 begin."""
 FURTHER_STD = 0.15
-"""Least standard deviation of the actions of such a policy, `LearningConfig.std_range`; the shipped
+"""Least standard deviation of the actions of such a policy, `LearningSettings.std_range`; the shipped
 one came to 0.08."""
 FURTHER_WIDE = 0.001
-"""Share of wide draws for such a policy, `WideConfig.share`, 0.3 for the shipped one. What the logs
+"""Share of wide draws for such a policy, `WideSettings.share`, 0.3 for the shipped one. What the logs
 told of a robot need not be drawn; with 0 the critic would not have all inputs of its checkpoint.
 docs/cycle.md says what that gains and costs."""
 FURTHER_HARDEST = 0.8
-"""Difficulty of the hardest courses of such a policy, `CurriculumConfig.hardest`, of courses of all
+"""Difficulty of the hardest courses of such a policy, `CurriculumSettings.hardest`, of courses of all
 levels. Those that a cycle measures have 0.5 to 0.72."""
 LEARNED = 0.75
 """Share of robots that the policy drives in the predictor's data, as in those of the shipped one:
@@ -143,7 +143,7 @@ def policy_changes(settings: CycleSettings, profile: Path) -> dict[str, object]:
     the steps of the beginning, and trials of other actions, on courses of all levels: what it
     mastered it may not master any more.
     """
-    std_range = [FURTHER_STD, LearningConfig.std_range[1]]
+    std_range = [FURTHER_STD, LearningSettings.std_range[1]]
     learning = {"desired_kl": FURTHER_KL, "last_kl": FURTHER_KL, "std_range": std_range}
     env = {
         "profile": str(profile),

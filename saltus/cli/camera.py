@@ -113,7 +113,7 @@ class Mount(RobotOption):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Camera(CommandGroup):
+class CameraCommands(CommandGroup):
     """Depth cameras: show, mount."""
 
     command: Subcommands[Show | Mount]

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
+from tyro.conf import subcommand
 
-from saltus.cli.heightmap_data import Collect, Dagger, Dataset
+from saltus.cli.heightmap_data import CollectCommands, Dagger, DatasetCommands
 from saltus.cli.heightmap_measures import Check, Eval, Report
 from saltus.cli.heightmap_train import Export, Train
 from saltus.cli.scan_options import ScanOptions
@@ -220,7 +221,7 @@ class Give:
 
 
 @dataclass(frozen=True, kw_only=True)
-class HeightmapCommand(CommandGroup):
+class HeightmapCommands(CommandGroup):
     """The heightmap: serve, check, give, collect, dagger, dataset, train, export, eval, report.
 
     A --model is an ONNX file, a --checkpoint the file of a training (.pt), from which `export`
@@ -228,5 +229,14 @@ class HeightmapCommand(CommandGroup):
     """
 
     command: Subcommands[
-        Serve | Check | Give | Collect | Dagger | Dataset | Train | Export | Eval | Report
+        Serve
+        | Check
+        | Give
+        | Annotated[CollectCommands, subcommand("collect")]
+        | Dagger
+        | Annotated[DatasetCommands, subcommand("dataset")]
+        | Train
+        | Export
+        | Eval
+        | Report
     ]

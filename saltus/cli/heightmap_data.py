@@ -20,7 +20,7 @@ from saltus.flags import AT_LEAST_ONE, CommandGroup, Subcommands, shown
 from saltus.grid import DEFAULT_GRID
 from saltus.heightmap.settings import (
     ClosedLoop,
-    DaggerConfig,
+    DaggerSettings,
     DeviceCollection,
     DeviceLoop,
     ProcessorCollection,
@@ -145,7 +145,7 @@ class OnDevice(JsonOption, SettingsCommand):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Collect(CommandGroup):
+class CollectCommands(CommandGroup):
     """Adds a shard of labelled episodes to a dataset, made on processors or on a GPU.
 
     Ctrl-C keeps what was collected by then.
@@ -217,8 +217,8 @@ class Dagger(WorkersOption, SettingsCommand):
     """Checkpoint of the predictor to begin with."""
     base: Annotated[Path | None, shown("PATH", "none")] = None
     """Dataset to train on as well."""
-    settings: Annotated[DaggerConfig, tyro.conf.arg(name="")] = field(
-        default_factory=lambda: DaggerConfig(
+    settings: Annotated[DaggerSettings, tyro.conf.arg(name="")] = field(
+        default_factory=lambda: DaggerSettings(
             loop=ClosedLoop(robot=DEFAULT_ROBOT, grid=DEFAULT_GRID)
         )
     )
@@ -254,7 +254,7 @@ class Dagger(WorkersOption, SettingsCommand):
         print(model)
         return 0
 
-    def last(self) -> DaggerConfig | None:
+    def last(self) -> DaggerSettings | None:
         """Those of the run that goes on."""
         if not (self.out / "dagger.json").exists():
             return None
@@ -377,7 +377,7 @@ class Export:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Dataset(CommandGroup):
+class DatasetCommands(CommandGroup):
     """Datasets on disk: info, validate, merge, export."""
 
     command: Subcommands[Info | Validate | Merge | Export]

@@ -131,7 +131,7 @@ Commands = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class KeysCommand(CommandGroup):
+class KeysCommands(CommandGroup):
     """Certificates for those who join a run over a network."""
 
     command: Subcommands[Commands]

@@ -27,7 +27,7 @@ from saltus.flags import CommandGroup, Subcommands, shown
 from saltus.folders import new_folder
 from saltus.grid import DEFAULT_GRID, load_grid
 from saltus.policy.walking import command
-from saltus.policy.walking.settings import WalkTrainConfig
+from saltus.policy.walking.settings import WalkTrainSettings
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.used_networks import model_id, model_path
@@ -183,13 +183,13 @@ class Serve(ServeProcess):
 class WalkTrain(command.Train):  # noqa: D101 - that of the training below
     __doc__ = command.Train.__doc__
 
-    training: Annotated[WalkTrainConfig, tyro.conf.arg(name="")] = field(
-        default_factory=lambda: WalkTrainConfig(robot=DEFAULT_ROBOT)
+    training: Annotated[WalkTrainSettings, tyro.conf.arg(name="")] = field(
+        default_factory=lambda: WalkTrainSettings(robot=DEFAULT_ROBOT)
     )
 
 
 @dataclass(frozen=True, kw_only=True)
-class Walk(CommandGroup):
+class WalkCommands(CommandGroup):
     """Policies that walk on velocity commands: train, export, eval, trials."""
 
     command: Subcommands[
@@ -198,10 +198,12 @@ class Walk(CommandGroup):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Policy(CommandGroup):
+class PolicyCommands(CommandGroup):
     """The motion planner: train, export, eval, serve; and walking."""
 
-    command: Subcommands[Train | Export | Eval | Serve | Walk]
+    command: Subcommands[
+        Train | Export | Eval | Serve | Annotated[WalkCommands, tyro.conf.subcommand("walk")]
+    ]
 
 
 def _print_table(result: "EvaluationResult", start: str) -> None:

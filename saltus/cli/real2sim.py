@@ -382,7 +382,7 @@ class Demo(RobotOption, JsonOption):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Real2sim(CommandGroup):
+class Real2simCommands(CommandGroup):
     """The effects that a simulator lacks: find and apply them, run experiments, train with them."""
 
     command: Subcommands[Find | Import | Apply | Experiments | Demo | Cycle]

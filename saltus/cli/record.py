@@ -96,7 +96,7 @@ class Repair:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Record(CommandGroup):
+class RecordCommands(CommandGroup):
     """Recordings: run (of a stack that somebody else has started), repair."""
 
     command: Subcommands[Run | Repair]

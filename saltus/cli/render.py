@@ -131,7 +131,7 @@ class Serve(ServeProcess):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Render(CommandGroup):
+class RenderCommands(CommandGroup):
     """The depth camera: preview, fit, calibrate, serve."""
 
     command: Subcommands[Preview | Fit | Calibrate | Serve]

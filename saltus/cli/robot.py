@@ -70,7 +70,7 @@ class List:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RobotCommand(CommandGroup):
+class RobotCommands(CommandGroup):
     """Robots as Saltus knows them, and over their own protocol:
     show, list, simulate, preflight, run, log.
     """

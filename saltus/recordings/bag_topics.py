@@ -8,7 +8,14 @@ from rosbags.highlevel import AnyReader
 
 from saltus.errors import RecordingError, nearest_hint, shortened
 from saltus.recordings.description import Topics
-from saltus.recordings.images import COMPRESSED, ENCODINGS, IMAGE, base_topic, encoding_of, is_depth
+from saltus.recordings.images import (
+    COMPRESSED,
+    ENCODINGS,
+    IMAGE,
+    base_topic,
+    encoding_text,
+    is_depth,
+)
 
 TYPES = {
     "joints": ("sensor_msgs/msg/JointState",),
@@ -90,7 +97,7 @@ def _of_depth(
         first = first_of(reader, given)
         if not is_depth(first):
             raise RecordingError(
-                f"{path}: depth are to come from {given}, whose images are {encoding_of(first)}: "
+                f"{path}: depth are to come from {given}, whose images are {encoding_text(first)}: "
                 "depth is "
                 f"{', '.join(ENCODINGS)}"
             )
@@ -98,7 +105,7 @@ def _of_depth(
     firsts = {topic: first_of(reader, topic) for topic in candidates}
     depth = [topic for topic, image in firsts.items() if is_depth(image)]
     others = [
-        f"{topic} ({encoding_of(image)})" for topic, image in firsts.items() if topic not in depth
+        f"{topic} ({encoding_text(image)})" for topic, image in firsts.items() if topic not in depth
     ]
     if others:
         notes.append(f"no depth, and left out: {shortened(others)}")

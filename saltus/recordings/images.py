@@ -62,7 +62,7 @@ def is_raw(image: Image) -> "TypeIs[RawImage]":
     return hasattr(image, "encoding")
 
 
-def encoding_of(image: Image) -> str:
+def encoding_text(image: Image) -> str:
     """Encoding of an Image.
 
     Of a CompressedImage that of its pixels, and how they are compressed where that matters.
@@ -79,7 +79,7 @@ def is_depth(image: Image) -> bool:
     """True for an Image or a CompressedImage whose pixels are depth."""
     if is_raw(image):
         return image.encoding in ENCODINGS
-    return "compressedDepth" in image.format or encoding_of(image) in ENCODINGS
+    return "compressedDepth" in image.format or encoding_text(image) in ENCODINGS
 
 
 def pixels_of(image: Image) -> AnyArray:
@@ -140,7 +140,7 @@ def millimetres(pixels: AnyArray, unit_m: float | None = None) -> NDArray[np.uin
 
 def _unpacked(image: CompressedImage) -> AnyArray:
     """Pixels of a CompressedImage of the transports `compressedDepth` and, as PNG, `compressed`."""
-    data, encoding = bytes(image.data), encoding_of(image)
+    data, encoding = bytes(image.data), encoding_text(image)
     at = data.find(PNG, 0, INVERSE.size + len(PNG))
     if at < 0:
         raise MessageError(

@@ -12,7 +12,7 @@ from saltus.heightmap.data.delivery import DeliveryModel
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import DatasetError
 from saltus.heightmap.model import HeightmapModel
-from saltus.heightmap.settings import ModelConfig
+from saltus.heightmap.settings import ModelSettings
 from saltus.heightmap.training.dataset import NO_NOISE, EpisodeStore, run_window
 
 
@@ -49,7 +49,7 @@ def test_a_network_whose_age_is_held_says_the_same_of_images_that_it_knows(
     motion: list[Episode], latency_s: float
 ) -> None:
     store = EpisodeStore(motion, torch.device("cpu"))
-    model = HeightmapModel(ModelConfig(), store.normalisation())
+    model = HeightmapModel(ModelSettings(), store.normalisation())
     held = with_age_held(model, latency_s)
     known = DeliveryModel(latency_s=(latency_s, latency_s))
     window = next(store.windows(4, 21, known, NO_NOISE, np.random.default_rng(0)))

@@ -13,7 +13,7 @@ from saltus.heightmap.data import closed_loop
 from saltus.heightmap.data.shards import read_dataset, write_shard
 from saltus.heightmap.model import HeightmapModel, Normalisation
 from saltus.heightmap.service.features import PROPRIOCEPTION
-from saltus.heightmap.settings import ModelConfig
+from saltus.heightmap.settings import ModelSettings
 from saltus.heightmap.training.dataset import EpisodeStore
 from saltus.heightmap.training.export import Origin, export
 
@@ -26,7 +26,7 @@ def model() -> HeightmapModel:
     normal = Normalisation(
         torch.zeros(n), torch.ones(n), torch.full((30,), -0.27), torch.full((30,), 0.1)
     )
-    return HeightmapModel(ModelConfig(), normal).eval()
+    return HeightmapModel(ModelSettings(), normal).eval()
 
 
 @pytest.fixture(scope="session")

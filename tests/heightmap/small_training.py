@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from saltus.heightmap.settings import ModelConfig, PredictorTraining
+from saltus.heightmap.settings import ModelSettings, PredictorTraining
 
-SMALL = ModelConfig(channels=(2, 4, 4), hidden=32, head=(32,))
+SMALL = ModelSettings(channels=(2, 4, 4), hidden=32, head=(32,))
 CONFIG = PredictorTraining(updates=30, batch=8, window=50, device="cpu", model=SMALL)
 
 

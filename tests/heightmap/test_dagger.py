@@ -19,7 +19,7 @@ from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.heightmap.data.closed_loop import MixedPlanner, closed_loop_episodes
 from saltus.heightmap.data.shards import DatasetError, read_manifest
 from saltus.heightmap.service.features import PROPRIOCEPTION
-from saltus.heightmap.settings import MIN_TICKS, ClosedLoop, DaggerConfig
+from saltus.heightmap.settings import MIN_TICKS, ClosedLoop, DaggerSettings
 from saltus.heightmap.training.dagger import Observer, dagger
 from saltus.heightmap.training.train import TrainingProgress
 from saltus.loop.planner import observe
@@ -30,7 +30,7 @@ from saltus.workers import in_order
 pytestmark = [pytest.mark.usefixtures("short_calibration", "short_stand"), pytest.mark.slow]
 TICKS = SHORT_STAND_STEPS + 12  # just beyond the stand: beliefs matter
 LOOP = ClosedLoop(robot="go1", grid="line", robots=6, courses=2, ticks=TICKS, hardest=0.3)
-CONFIG = DaggerConfig(rounds=2, batches=2, updates=2, batch=2, loop=LOOP)
+CONFIG = DaggerSettings(rounds=2, batches=2, updates=2, batch=2, loop=LOOP)
 
 
 class Killed(BaseException):
@@ -118,7 +118,7 @@ def test_a_process_that_is_killed_and_one_that_shares_the_work_give_the_same_dat
     run.communicate(timeout=20)
     assert run.returncode == -signal.SIGKILL
     assert contents(tmp_path / "run") == []
-    dagger(tmp_path / "run", DaggerConfig(**{**vars(CONFIG), "rounds": 1}), SILENT, processes=1)
+    dagger(tmp_path / "run", DaggerSettings(**{**vars(CONFIG), "rounds": 1}), SILENT, processes=1)
     assert contents(tmp_path / "run") == contents(whole)[:1]
 
 
@@ -135,7 +135,7 @@ def test_a_run_of_another_configuration_is_refused_by_name(whole: Path, field: s
         "start": {"start": whole / "round_000" / "heightmap.pt"},
         "base": {"base": whole / "dataset"},
     }
-    config = DaggerConfig(**{**vars(CONFIG), **changed.get(field, {})})
+    config = DaggerSettings(**{**vars(CONFIG), **changed.get(field, {})})
     with pytest.raises(DatasetError, match=f"begun with {field} ="):
         dagger(whole, config, SILENT, **paths.get(field, {}))
 
@@ -149,7 +149,7 @@ def test_a_base_with_the_rounds_of_this_seed_is_refused_before_anything_is_writt
 
 
 def test_a_run_goes_on_from_a_predictor_and_a_dataset(whole: Path, tmp_path: Path) -> None:
-    config = DaggerConfig(**{**vars(CONFIG), "rounds": 1})
+    config = DaggerSettings(**{**vars(CONFIG), "rounds": 1})
     start, base = whole / "round_001" / "heightmap.pt", whole / "dataset"
     model = dagger(tmp_path, config, SILENT, start=start, base=base, processes=1)
     assert model.exists()

@@ -33,8 +33,8 @@ from saltus.heightmap.settings import MIN_TICKS, TERRAINS, DeviceLoop
 from saltus.heightmap.training.validate import run_episode
 from saltus.policy.bounds import ACTIONS
 from saltus.policy.env.env import JumpEnv
-from saltus.policy.env.randomisation import WideConfig
-from saltus.policy.env.settings import TrainConfig
+from saltus.policy.env.randomisation import WideSettings
+from saltus.policy.env.settings import TrainSettings
 from saltus.policy.env.training_env import Transition
 from saltus.policy.features import size_with
 from saltus.policy.training.checkpoint import read_checkpoint
@@ -180,8 +180,8 @@ def test_robots_are_led_by_whom_the_share_says(
 
 def test_robots_differ_as_at_the_end_of_their_policys_training() -> None:
     policy = read_checkpoint(CHECKPOINTS / "policy.pt")
-    config = from_toml(TrainConfig, policy["config"])
-    wide = WideConfig(share=1.0, growth_msteps=(100.0, 400.0))
+    config = from_toml(TrainSettings, policy["config"])
+    wide = WideSettings(share=1.0, growth_msteps=(100.0, 400.0))
     randomisation = replace(config.env.randomisation, wide=wide)
     policy["config"] = to_toml(
         replace(config, env=replace(config.env, randomisation=randomisation))

@@ -8,7 +8,7 @@ from small_training import CONFIG, quick
 
 from saltus.cli.main import main as saltus
 from saltus.errors import ConfigError
-from saltus.heightmap.settings import ModelConfig, PredictorTraining
+from saltus.heightmap.settings import ModelSettings, PredictorTraining
 from saltus.heightmap.training.train import load_checkpoint
 
 pytestmark = pytest.mark.usefixtures("short_calibration")
@@ -33,7 +33,7 @@ def test_a_file_changes_what_it_names_a_flag_wins_and_both_are_told(
     model, origin = load_checkpoint(tmp_path / "f" / "heightmap.pt")
     config = origin["config"]
     assert (config["noise"], config["delivery"], config["batch"]) == (False, "at-once", 2)
-    assert model.config == ModelConfig(hidden=32, head=(16,))
+    assert model.config == ModelSettings(hidden=32, head=(16,))
     said = capsys.readouterr().err.splitlines()[0]
     assert said.startswith(
         "settings other than by default: updates = 1 (1500), batch = 2 (32), window = 50 (100), "

@@ -20,9 +20,9 @@ from saltus.grid import LINE
 from saltus.heightmap.data.device_rollouts import _curriculum
 from saltus.heightmap.data.shards import read_dataset
 from saltus.heightmap.settings import DeviceLoop
-from saltus.policy.env.curriculum import CurriculumConfig
+from saltus.policy.env.curriculum import CurriculumSettings
 from saltus.policy.env.env import JumpEnv
-from saltus.policy.env.settings import EnvConfig
+from saltus.policy.env.settings import EnvSettings
 from saltus.policy.tables import read_table
 from saltus.recordings.recording import read_recording
 from saltus.sim.cpu_engine import CpuEngine
@@ -217,13 +217,13 @@ def terrain_of(table: CourseTable, course: int) -> Terrain:
 
 
 def test_robots_stand_on_their_own_courses_and_on_those_of_saltus() -> None:
-    curriculum = CurriculumConfig(
+    curriculum = CurriculumSettings(
         flat=1.0, stairs=0.0, stepping_stones=0.0, step=0.0, gap=0.0, own={"beams": 1.0}
     )
     assert curriculum.shares["beams"] == 0.5 * sum(curriculum.shares.values())
     env = JumpEnv(
         CpuEngine(ROBOT, 8, curriculum.boxes, threads=1),
-        EnvConfig(curriculum=curriculum),
+        EnvSettings(curriculum=curriculum),
         LINE,
         seed=0,
     )

@@ -29,8 +29,8 @@ from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.joint_command import JointCommand
 from saltus.loop.loop import Loop
 from saltus.policy.env.env import JumpEnv, _reading, engine_states
-from saltus.policy.env.randomisation import RandomisationConfig, WideConfig
-from saltus.policy.env.settings import EnvConfig
+from saltus.policy.env.randomisation import RandomisationSettings, WideSettings
+from saltus.policy.env.settings import EnvSettings
 from saltus.policy.env.training_env import Stage
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.sim.batch import BatchPlant
@@ -62,7 +62,7 @@ BATCH_RAD, TRAINING_RAD = 1e-8, 1e-5
 """How far what robots sense in the batch, and in a training in single precision, may be from that
 of the plant."""
 SHOWS_RAD = 4e-3  # at least, of each effect
-USUAL = RandomisationConfig(
+USUAL = RandomisationSettings(
     friction=(NOMINAL_FRICTION,) * 2,
     payload_kg=(MEDIUM_PAYLOAD_KG,) * 2,
     motor_strength=(1.0, 1.0),
@@ -131,10 +131,10 @@ def of_batch(profile: Profile) -> np.ndarray:
 
 
 def env_of(
-    profile: Profile, path: Any, engine: Any = None, randomisation: RandomisationConfig = USUAL
+    profile: Profile, path: Any, engine: Any = None, randomisation: RandomisationSettings = USUAL
 ) -> JumpEnv:
     path.write_text(profile.to_toml())
-    config = EnvConfig(profile=str(path), randomisation=randomisation)
+    config = EnvSettings(profile=str(path), randomisation=randomisation)
     engine = engine or CpuEngine(
         ROBOT, 2, BOXES, dimensions=config.contact_dimensions(profile), threads=1
     )
@@ -218,8 +218,8 @@ def test_true_heights_are_shifted_alike_in_rollouts_and_in_training(tmp_path: An
         profile, tmp_path / "p.toml", CpuEngine(ROBOT, 64, BOXES, threads=1)
     ).memory.height_shift
     spread = (drawn - torch.tensor([SHIFT.x, SHIFT.z])).abs().amax(0)
-    np.testing.assert_allclose(spread, RandomisationConfig().height_shift_m, rtol=0.1)
-    assert (spread <= torch.tensor(RandomisationConfig().height_shift_m) + 1e-6).all()
+    np.testing.assert_allclose(spread, RandomisationSettings().height_shift_m, rtol=0.1)
+    assert (spread <= torch.tensor(RandomisationSettings().height_shift_m) + 1e-6).all()
 
 
 @pytest.mark.parametrize(
@@ -247,7 +247,7 @@ def test_who_has_no_true_heights_refuses_their_shift_by_name(
 
 
 def test_draws_are_around_what_the_profile_says(tmp_path: Any) -> None:
-    ranges = RandomisationConfig(wide=WideConfig(share=1.0))
+    ranges = RandomisationSettings(wide=WideSettings(share=1.0))
     found = Profile(
         actuator=(FeedforwardDelay(delay=0.04), CommandDelay(delay=0.003), TorqueGain(gain=0.7))
     )
@@ -280,7 +280,7 @@ def test_where_a_profile_has_no_delay_none_is_drawn(tmp_path: Any) -> None:
 @pytest.mark.filterwarnings("ignore:Dynamo detected a call to a `functools.lru_cache`")
 def test_no_stage_asks_what_its_numbers_are(tmp_path: Any) -> None:
     """With all effects of drives, bodies and IMUs each stage is one graph for a GPU to replay."""
-    ranges = RandomisationConfig(wide=WideConfig(share=0.5))
+    ranges = RandomisationSettings(wide=WideSettings(share=0.5))
     env = env_of(
         EVERYTHING,
         tmp_path / "all.toml",
@@ -322,7 +322,7 @@ def test_what_a_training_cannot_hold_is_refused_by_name(tmp_path: Any) -> None:
     soft = Profile(body=(SoftFeet(torsion=0.01),))
     with pytest.raises(ConfigError, match="soft_feet"):
         env_of(soft, tmp_path / "soft.toml", CpuEngine(ROBOT, 2, BOXES, threads=1))
-    drawn = RandomisationConfig(wide=WideConfig(share=0.5))
+    drawn = RandomisationSettings(wide=WideSettings(share=0.5))
     with pytest.raises(ConfigError, match="softness"):
         env_of(Profile(), tmp_path / "claimed.toml", CpuEngine(ROBOT, 2, BOXES, threads=1), drawn)
 
@@ -330,7 +330,9 @@ def test_what_a_training_cannot_hold_is_refused_by_name(tmp_path: Any) -> None:
 def test_contacts_are_drawn_around_those_of_the_profile(tmp_path: Any) -> None:
     soft = Profile(body=(ContactCompliance(time_constant=0.01), SoftFeet(touch=0.5)))
     env = env_of(
-        soft, tmp_path / "soft.toml", randomisation=RandomisationConfig(wide=WideConfig(share=1.0))
+        soft,
+        tmp_path / "soft.toml",
+        randomisation=RandomisationSettings(wide=WideSettings(share=1.0)),
     )
     bodies, softness = env.episodes._bodies(), env.memory.softness
     assert torch.allclose(bodies.contact_time_constant.float(), 2.0 * (0.005 + 0.015 * softness))

@@ -13,17 +13,17 @@ from saltus.grid import LINE
 from saltus.policy.actor import PolicyActor
 from saltus.policy.bounds import ACTIONS, ActionBounds
 from saltus.policy.env.env import JumpEnv
-from saltus.policy.env.settings import LearningConfig, TrainConfig
+from saltus.policy.env.settings import LearningSettings, TrainSettings
 from saltus.policy.features import size_with
 from saltus.policy.training.export import export
 from saltus.policy.training.learner import FIRST_ACTION, JumpLearner, make_actor, rebase
 from saltus.policy.training.train import Rank, make_engine, train
 
-CONFIG = TrainConfig(
+CONFIG = TrainSettings(
     robot="go1",
     grid="line",
     robots=16,
-    learning=LearningConfig(hidden=(32, 16), horizon=4, epochs=1, minibatches=2),
+    learning=LearningSettings(hidden=(32, 16), horizon=4, epochs=1, minibatches=2),
 )
 
 

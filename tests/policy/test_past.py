@@ -21,7 +21,7 @@ from saltus.loop.planner import observe
 from saltus.onnx_export import round_to_half
 from saltus.policy.actor import PolicyActor
 from saltus.policy.env.env import JumpEnv
-from saltus.policy.env.settings import EnvConfig, LearningConfig, TrainConfig
+from saltus.policy.env.settings import EnvSettings, LearningSettings, TrainSettings
 from saltus.policy.features import PROPRIOCEPTION_SIZE, RECALLED, read, size_with
 from saltus.policy.training.export import DeployedPolicy, export, read_policy
 from saltus.policy.training.train import Rank, train
@@ -34,12 +34,12 @@ from saltus.trial import Trial
 
 STEPS = (1, 2, 5)
 N = 6
-CONFIG = TrainConfig(
+CONFIG = TrainSettings(
     robot="go1",
     grid="line",
     robots=16,
-    env=EnvConfig(past_steps=STEPS),
-    learning=LearningConfig(hidden=(32, 16), horizon=4, epochs=1, minibatches=2),
+    env=EnvSettings(past_steps=STEPS),
+    learning=LearningSettings(hidden=(32, 16), horizon=4, epochs=1, minibatches=2),
 )
 
 

@@ -10,9 +10,9 @@ from samples import ROBOT
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from saltus.grid import LINE
-from saltus.policy.env.curriculum import CurriculumConfig
+from saltus.policy.env.curriculum import CurriculumSettings
 from saltus.policy.env.env import JumpEnv
-from saltus.policy.env.settings import EnvConfig, LearningConfig, TrainConfig
+from saltus.policy.env.settings import EnvSettings, LearningSettings, TrainSettings
 from saltus.policy.training.background_evaluation import (
     BackgroundEvaluation,
     EvaluationRow,
@@ -27,13 +27,13 @@ from saltus.policy.training.train import make_engine
 from saltus.policy.training.training_record import TrainingRecord
 from saltus.terrain.curriculum import FAMILIES
 
-FLAT = CurriculumConfig(flat=1.0, stairs=0.0, stepping_stones=0.0, step=0.0, gap=0.0)
-CONFIG = TrainConfig(
+FLAT = CurriculumSettings(flat=1.0, stairs=0.0, stepping_stones=0.0, step=0.0, gap=0.0)
+CONFIG = TrainSettings(
     robot="go1",
     grid="line",
     robots=4,
-    env=EnvConfig(curriculum=FLAT),
-    learning=LearningConfig(hidden=(8,), horizon=2, epochs=1, minibatches=1),
+    env=EnvSettings(curriculum=FLAT),
+    learning=LearningSettings(hidden=(8,), horizon=2, epochs=1, minibatches=1),
 )
 ROW = EvaluationRow(
     iteration=7, steps=9, course="gap_0.40", trials=2, success_rate=0.5, way_share=0.75,

@@ -26,7 +26,7 @@ from saltus.model_file import ModelFile
 from saltus.policy.actor import PolicyActor
 from saltus.policy.bounds import ActionBounds
 from saltus.policy.env.env import JumpEnv
-from saltus.policy.env.settings import LearningConfig, TrainConfig, for_cpu
+from saltus.policy.env.settings import LearningSettings, TrainSettings, for_cpu
 from saltus.policy.features import size_with
 from saltus.policy.tables import read_table
 from saltus.policy.training.checkpoint import NEEDED, config_of, read_checkpoint
@@ -41,7 +41,7 @@ RESUMED = replace(
     for_cpu("go1", "line"),
     robots=40,
     seed=7,
-    learning=LearningConfig(hidden=(16, 8), epochs=2, desired_kl=0.003),
+    learning=LearningSettings(hidden=(16, 8), epochs=2, desired_kl=0.003),
 )
 
 
@@ -54,7 +54,7 @@ def leaves(config: Any, path: tuple[str, ...] = ()) -> list[tuple[tuple[str, ...
     ]
 
 
-FAMILY = leaves(TrainConfig(robot="go1", grid="line"))
+FAMILY = leaves(TrainSettings(robot="go1", grid="line"))
 
 
 def other(value: Any) -> Any:
@@ -80,7 +80,7 @@ def table(path: tuple[str, ...], value: Any) -> dict[str, Any]:
     return value  # type: ignore[no-any-return]
 
 
-def changed(before: TrainConfig, now: TrainConfig) -> list[str]:
+def changed(before: TrainSettings, now: TrainSettings) -> list[str]:
     return [d.name for d in differences(table_of(before), table_of(now))]
 
 
@@ -100,7 +100,7 @@ def resumed(tmp_path: Path) -> Path:
 
 
 @pytest.fixture(params=["new", "goes on"])
-def begun(request: pytest.FixtureRequest, resumed: Path) -> tuple[TrainConfig, Train]:
+def begun(request: pytest.FixtureRequest, resumed: Path) -> tuple[TrainSettings, Train]:
     """What a training begins with, and its command."""
     goes_on = request.param == "goes on"
     return (RESUMED if goes_on else for_cpu("go1", "line")), Train(
@@ -113,7 +113,7 @@ each_value = pytest.mark.parametrize("path", [path for path, _ in FAMILY], ids="
 
 @each_value
 def test_a_file_with_one_value_changes_that_value_alone(
-    path: tuple[str, ...], begun: tuple[TrainConfig, Train], tmp_path: Path
+    path: tuple[str, ...], begun: tuple[TrainSettings, Train], tmp_path: Path
 ) -> None:
     before, command = begun
     new = other(at(before, path))
@@ -137,7 +137,9 @@ def test_a_flag_changes_its_value_alone(path: tuple[str, ...], resumed: Path) ->
     )
 
 
-def check_changed(before: TrainConfig, after: TrainConfig, path: tuple[str, ...], new: Any) -> None:
+def check_changed(
+    before: TrainSettings, after: TrainSettings, path: tuple[str, ...], new: Any
+) -> None:
     """This value is new, and no other."""
     assert (
         at(after, path) == pytest.approx(new)
@@ -148,7 +150,7 @@ def check_changed(before: TrainConfig, after: TrainConfig, path: tuple[str, ...]
 
 
 def test_the_command_line_changes_nothing_of_a_file(
-    begun: tuple[TrainConfig, Train], tmp_path: Path
+    begun: tuple[TrainSettings, Train], tmp_path: Path
 ) -> None:
     """Nor of what is resumed: values of all fields come through it as they are."""
     before, command = begun

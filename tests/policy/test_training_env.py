@@ -12,12 +12,12 @@ from saltus.effects.motors import TorqueGain
 from saltus.effects.profile import IDEAL
 from saltus.grid import LINE
 from saltus.loop.planner import observe
-from saltus.policy.env.curriculum import CurriculumConfig, difficulty, kinds_of_robots, next_level
+from saltus.policy.env.curriculum import CurriculumSettings, difficulty, kinds_of_robots, next_level
 from saltus.policy.env.env import JumpEnv
 from saltus.policy.env.episode import TALLY
-from saltus.policy.env.randomisation import RandomisationConfig
-from saltus.policy.env.rewards import TERMS, RewardConfig, reward_terms
-from saltus.policy.env.settings import EnvConfig
+from saltus.policy.env.randomisation import RandomisationSettings
+from saltus.policy.env.rewards import TERMS, RewardSettings, reward_terms
+from saltus.policy.env.settings import EnvSettings
 from saltus.policy.env.views import PRIVILEGED
 from saltus.policy.features import features, layout, size_with
 from saltus.rotations import rotation_matrix
@@ -30,7 +30,7 @@ N = 20
 
 
 def make_env(seed=0, config=None):
-    return JumpEnv(CpuEngine(ROBOT, N, BOXES, threads=1), config or EnvConfig(), LINE, seed=seed)
+    return JumpEnv(CpuEngine(ROBOT, N, BOXES, threads=1), config or EnvSettings(), LINE, seed=seed)
 
 
 def bound(env):
@@ -56,7 +56,7 @@ def test_observations_and_rewards_are_finite_and_of_their_sizes(driven):
 
 
 def test_joints_that_near_their_rated_speed_cost_ever_more_and_others_nothing():
-    env = make_env(config=EnvConfig(reward=RewardConfig(joint_speed=1.0)))
+    env = make_env(config=EnvSettings(reward=RewardSettings(joint_speed=1.0)))
     shares = torch.linspace(0.0, 1.4, 29)
     costs = []
     for share in shares.tolist():
@@ -92,8 +92,8 @@ def test_the_same_seed_gives_the_same_run():
 
 
 def test_the_policy_is_shown_what_the_deployed_stack_shows_it():
-    exact = RandomisationConfig(height_shift_m=(0.0, 0.0), height_noise_m=0.0)
-    env = make_env(config=EnvConfig(randomisation=exact))
+    exact = RandomisationSettings(height_shift_m=(0.0, 0.0), height_noise_m=0.0)
+    env = make_env(config=EnvSettings(randomisation=exact))
     for _ in range(15):
         transition = env.step(bound(env))
     memory, qpos, qvel = env.memory, np.array(env._engine.qpos), np.array(env._engine.qvel)
@@ -126,7 +126,7 @@ def test_a_delay_of_plans_by_whole_steps_is_a_policy_that_answers_later(steps):
     runs = []
     for delay_s, late in ((0.010 * steps, 0), (0.0, steps)):
         env = make_env(
-            config=EnvConfig(randomisation=RandomisationConfig(plan_delay_s=(delay_s, delay_s)))
+            config=EnvSettings(randomisation=RandomisationSettings(plan_delay_s=(delay_s, delay_s)))
         )
         for k in range(12):
             assert not env.step(outputs[max(0, k - late)]).done.any()
@@ -140,7 +140,7 @@ def test_each_two_milliseconds_of_delay_change_what_is_obeyed():
     for ticks in range(6):
         delay_s = 0.002 * ticks
         env = make_env(
-            config=EnvConfig(randomisation=RandomisationConfig(plan_delay_s=(delay_s, delay_s)))
+            config=EnvSettings(randomisation=RandomisationSettings(plan_delay_s=(delay_s, delay_s)))
         )
         for k in range(8):
             env.step(bound(env) * (-1.0) ** k)
@@ -196,7 +196,7 @@ def test_actions_beyond_their_bounds_cost_and_change_nothing_else():
 
 
 def test_every_kind_of_terrain_gets_its_share():
-    config = CurriculumConfig()
+    config = CurriculumSettings()
     kinds = np.array(kinds_of_robots(config.shares, 1000))
     for k, kind in enumerate(KINDS):
         assert abs((kinds == k).mean() - config.shares[kind] / sum(config.shares.values())) < 2e-3
@@ -204,10 +204,10 @@ def test_every_kind_of_terrain_gets_its_share():
 
 def test_ramps_are_trained_on_up_and_down():
     none = dict.fromkeys(("flat", "stairs", "stepping_stones", "step", "gap"), 0.0)
-    curriculum = CurriculumConfig(**none, own={"ramp_up": 1.0, "ramp_down": 1.0})
+    curriculum = CurriculumSettings(**none, own={"ramp_up": 1.0, "ramp_down": 1.0})
     env = JumpEnv(
         CpuEngine(ROBOT, N, curriculum.boxes, threads=1),
-        EnvConfig(curriculum=curriculum),
+        EnvSettings(curriculum=curriculum),
         LINE,
         seed=0,
     )
@@ -224,7 +224,7 @@ def test_ramps_are_trained_on_up_and_down():
 
 
 def test_levels_rise_with_the_way_and_fall_without():
-    config = CurriculumConfig()
+    config = CurriculumSettings()
     level = np.array([0.0, 3.0, 3.0, 3.0, 9.0, 9.0])
     way = np.array([0.0, 5.0, 5.0, 1.0, 5.0, 3.0])
     failed = np.array([True, False, True, True, False, False])
@@ -236,7 +236,7 @@ def test_levels_rise_with_the_way_and_fall_without():
 
 @pytest.mark.parametrize("share", [0.0, 0.25, 1.0])
 def test_a_share_of_courses_is_of_any_level(share):
-    config = CurriculumConfig(any_level=share)
+    config = CurriculumSettings(any_level=share)
     draw = np.random.default_rng(4).random(20_000)
     failed = np.ones(len(draw), dtype=bool)
     moved = next_level(
@@ -249,7 +249,7 @@ def test_a_share_of_courses_is_of_any_level(share):
 
 
 def test_levels_can_be_set():
-    env = make_env(config=replace(EnvConfig(), curriculum=CurriculumConfig(stairs=1.0)))
+    env = make_env(config=replace(EnvSettings(), curriculum=CurriculumSettings(stairs=1.0)))
     env.set_levels(torch.full((N,), 7.0))
     for _ in range(5):
         env.step(bound(env))
@@ -257,8 +257,8 @@ def test_levels_can_be_set():
 
 
 def test_robots_that_are_told_to_stand_do_so_and_then_begin_to_step():
-    quiet = RandomisationConfig(torque_period_s=1e9, push_mps=0.0, pitch_torque_nm=0.0)
-    env = make_env(config=EnvConfig(randomisation=quiet))
+    quiet = RandomisationSettings(torque_period_s=1e9, push_mps=0.0, pitch_torque_nm=0.0)
+    env = make_env(config=EnvSettings(randomisation=quiet))
     env.standing[: N // 2] = True
     for _ in range(60):
         env.step(bound(env))
@@ -281,7 +281,7 @@ def test_the_leg_controller_knows_the_drives_of_its_profile(tmp_path):
         ("unknown", weak, IDEAL),
     ):
         (tmp_path / f"{name}.toml").write_text(profile.to_toml())
-        env = make_env(config=EnvConfig(profile=str(tmp_path / f"{name}.toml")))
+        env = make_env(config=EnvSettings(profile=str(tmp_path / f"{name}.toml")))
         if known is not profile:
             env._law._compensation = compensation_of(known, ROBOT)
         tracks[name] = []

@@ -13,7 +13,7 @@ from saltus.dialects import dialect_of
 from saltus.errors import ModelError
 from saltus.grid import SCAN
 from saltus.model_file import ModelFile
-from saltus.policy.env.settings import LearningConfig
+from saltus.policy.env.settings import LearningSettings
 from saltus.policy.joints.description import PolicyDescription
 from saltus.policy.joints.observation import Observer, Sensed, gravity_in_base
 from saltus.policy.joints.policy import JointPolicy
@@ -26,10 +26,10 @@ from saltus.policy.walking.export import DeployedWalk, make_actor
 from saltus.policy.walking.ground import MISSED_M, REACH_M, Ground, in_trench
 from saltus.policy.walking.scan_errors import ScanErrors
 from saltus.policy.walking.settings import (
-    GroundConfig,
-    ScanConfig,
-    WalkConfig,
-    WalkTrainConfig,
+    GroundSettings,
+    ScanSettings,
+    WalkSettings,
+    WalkTrainSettings,
 )
 from saltus.policy.walking.train import make_engine, train
 from saltus.resources import resource
@@ -41,14 +41,14 @@ from saltus.terrain.boxes import Boxes
 N = 12
 
 
-GROUND = GroundConfig(shares={"plain": 0.5, "stairs": 0.5}, levels=2)
+GROUND = GroundSettings(shares={"plain": 0.5, "stairs": 0.5}, levels=2)
 
 
-CONFIG = WalkTrainConfig(
+CONFIG = WalkTrainSettings(
     robot="go1",
     robots=N,
-    env=WalkConfig(ground=GROUND),
-    learning=LearningConfig(hidden=(16,), horizon=4, epochs=1, minibatches=2),
+    env=WalkSettings(ground=GROUND),
+    learning=LearningSettings(hidden=(16,), horizon=4, epochs=1, minibatches=2),
 )
 
 
@@ -67,7 +67,7 @@ def model(tmp_path_factory):
 
 @pytest.mark.parametrize("dialect", ["isaaclab", "legged_gym", "mjlab"])
 def test_the_vector_holds_its_parts_in_the_stated_order(dialect):
-    described = description_of(WalkConfig(dialect=dialect), ROBOT)
+    described = description_of(WalkSettings(dialect=dialect), ROBOT)
     pose, rng = walking_pose(ROBOT, 0.7), np.random.default_rng(3)
     parts = {name: rng.normal(size=(5, size)) for name, size in LAYOUT.items()}
     vector = both(lambda *given: Observer(described).vector(
@@ -115,7 +115,7 @@ def test_the_card_says_how_the_vector_is_made_and_the_file_is_the_network(model)
 def test_observations_are_what_the_engine_and_the_ground_say():
     exact = replace(
         CONFIG.env,
-        scan=ScanConfig(image_hz=50.0, seen_m=0.0, unseen=0.0, shift_m=0.0),
+        scan=ScanSettings(image_hz=50.0, seen_m=0.0, unseen=0.0, shift_m=0.0),
         sensors=replace(CONFIG.env.sensors, **dict.fromkeys(
             ("angular_velocity", "gravity", "joint_position", "joint_velocity"), 0.0)),
     )  # fmt: skip
@@ -172,7 +172,7 @@ def test_a_robot_that_falls_starts_anew_and_no_other_notices():
 def test_robots_start_in_their_pose_above_whatever_ground_they_are_on():
     config = replace(
         CONFIG,
-        env=replace(CONFIG.env, ground=GroundConfig(shares={"rubble": 1.0}, levels=2)),
+        env=replace(CONFIG.env, ground=GroundSettings(shares={"rubble": 1.0}, levels=2)),
     )
     env = make_env(config=config)
     env.set_levels(torch.ones(N))
@@ -201,7 +201,7 @@ def test_a_way_as_commanded_leads_to_harder_ground_and_a_fall_to_easier():
 
 
 def test_the_nearest_boxes_are_the_ground_below_a_robot_and_nearly_all_that_the_scan_sees():
-    config = GroundConfig(levels=2)
+    config = GroundSettings(levels=2)
     ground, rng = Ground(config, torch.zeros(1)), np.random.default_rng(5)
     course = torch.as_tensor(rng.integers(0, len(ground.table.finish_x), 600))
     place = torch.as_tensor(rng.uniform(-0.8, 0.8, (600, 2)), dtype=torch.float32)
@@ -237,7 +237,7 @@ def test_a_foot_missed_where_it_is_low_between_two_edges_and_not_on_a_step_down(
 
 
 def test_errors_of_heights_have_the_stated_spread_and_vanish_on_flat_ground():
-    config = ScanConfig(shift_m=0.0)
+    config = ScanSettings(shift_m=0.0)
     scan, rng, n = ScanErrors(config), np.random.default_rng(6), 400
     every = np.ones(n, dtype=bool)
     error = scan.changed(np.zeros((n, 187)), every, every, rng.uniform(size=(n, 187)))
@@ -254,7 +254,7 @@ def test_errors_of_heights_have_the_stated_spread_and_vanish_on_flat_ground():
 
 @pytest.mark.parametrize("change_m", [0.1, 0.3, 1.0])
 def test_errors_of_heights_stay_where_a_robot_stands_and_change_with_its_way(change_m):
-    scan, rng, n = ScanErrors(ScanConfig(change_m=change_m)), np.random.default_rng(6), 400
+    scan, rng, n = ScanErrors(ScanSettings(change_m=change_m)), np.random.default_rng(6), 400
     none = np.zeros(n, dtype=bool)
     begun = error = rng.uniform(-1.0, 1.0, size=(n, 187))
     pose = start = rng.normal(size=(n, 4))
@@ -274,14 +274,14 @@ def test_errors_of_heights_stay_where_a_robot_stands_and_change_with_its_way(cha
 
 
 def test_a_robot_that_only_turns_moves_the_points_of_its_scan():
-    scan, zero = ScanErrors(ScanConfig()), np.zeros((2, 4))
+    scan, zero = ScanErrors(ScanSettings()), np.zeros((2, 4))
     turned = np.array([[0.0, 0.0, 0.0, 0.05], [0.0, 0.0, 0.0, 0.15]])
     assert both(scan.moved, turned, zero).tolist() == [False, True]
 
 
 @pytest.mark.parametrize("rate", [10.0, 30.0, 50.0])
 def test_images_arrive_at_their_rate(rate):
-    scan, phase, count = ScanErrors(ScanConfig(image_hz=rate)), np.array([0.3]), 0
+    scan, phase, count = ScanErrors(ScanSettings(image_hz=rate)), np.array([0.3]), 0
     for _ in range(500):
         phase, arrives = scan.arrives(phase)
         count += int(arrives[0])
@@ -316,7 +316,7 @@ def test_an_evaluation_counts_what_it_saw(model):
 def test_a_training_that_starts_from_a_file_acts_as_the_file_until_its_critic_has_learned(name):
     path = resource(f"models/walk_{name}.onnx")
     config = replace(
-        CONFIG, robot=name, learning=LearningConfig(horizon=4, epochs=2, critic_iterations=2)
+        CONFIG, robot=name, learning=LearningSettings(horizon=4, epochs=2, critic_iterations=2)
     )
     learner = Learner(make_env(config=config), config.learning, make_actor(config.learning))
     before = learner.ppo.actor.distribution.std_param.clone()

@@ -10,10 +10,10 @@ from samples import ROBOT
 
 from saltus.errors import ConfigError
 from saltus.grid import LINE
-from saltus.policy.env.curriculum import CurriculumConfig
+from saltus.policy.env.curriculum import CurriculumSettings
 from saltus.policy.env.env import JumpEnv
-from saltus.policy.env.randomisation import SOFT_RUBBER, RandomisationConfig, WideConfig
-from saltus.policy.env.settings import EnvConfig
+from saltus.policy.env.randomisation import SOFT_RUBBER, RandomisationSettings, WideSettings
+from saltus.policy.env.settings import EnvSettings
 from saltus.policy.env.views import PRIVILEGED
 from saltus.policy.features import size_with
 from saltus.sim import scene
@@ -25,15 +25,15 @@ from saltus.terrain.batch import BOXES
 from saltus.terrain.law import KINDS
 
 N = 44
-EVERYWHERE = CurriculumConfig(**dict.fromkeys(KINDS, 1.0))
-ALL = WideConfig(share=1.0)
+EVERYWHERE = CurriculumSettings(**dict.fromkeys(KINDS, 1.0))
+ALL = WideSettings(share=1.0)
 
 
-def config(wide: WideConfig) -> EnvConfig:
-    return EnvConfig(randomisation=RandomisationConfig(wide=wide), curriculum=EVERYWHERE)
+def config(wide: WideSettings) -> EnvSettings:
+    return EnvSettings(randomisation=RandomisationSettings(wide=wide), curriculum=EVERYWHERE)
 
 
-def env_of(wide: WideConfig, engine: Engine | None = None, seed: int = 0) -> JumpEnv:
+def env_of(wide: WideSettings, engine: Engine | None = None, seed: int = 0) -> JumpEnv:
     engine = engine or CpuEngine(ROBOT, N, BOXES, dimensions=wide.contact_dimensions, threads=1)
     return JumpEnv(engine, config(wide), LINE, seed=seed)
 
@@ -43,9 +43,9 @@ def bound(env: JumpEnv) -> torch.Tensor:
     return env.config.bounds.normalised(values).expand(env.count, 10)
 
 
-def ends(wide: WideConfig) -> dict[str, tuple[float, float]]:
+def ends(wide: WideSettings) -> dict[str, tuple[float, float]]:
     """Least and greatest of each value."""
-    usual = RandomisationConfig()
+    usual = RandomisationSettings()
     return {
         "friction": (wide.friction, usual.friction[1]),
         "joint_damping": (0.0, wide.joint_damping),
@@ -70,7 +70,7 @@ def test_each_draw_stays_within_its_range_and_uses_it() -> None:
 
 @pytest.mark.parametrize("share", [0.25, 0.75])
 def test_a_share_of_the_robots_is_drawn_for(share: float) -> None:
-    env = env_of(WideConfig(share=share))
+    env = env_of(WideSettings(share=share))
     unusual = []
     for seed in range(20):
         env.episodes.draws.uniform_(generator=torch.Generator().manual_seed(seed))
@@ -82,7 +82,7 @@ def test_a_share_of_the_robots_is_drawn_for(share: float) -> None:
 
 
 def test_ranges_grow_with_the_steps_of_the_training() -> None:
-    wide = WideConfig(share=1.0, growth_msteps=(100.0, 300.0))
+    wide = WideSettings(share=1.0, growth_msteps=(100.0, 300.0))
     assert [wide.grown(1e6 * m) for m in (0.0, 100.0, 150.0, 300.0, 900.0)] == [
         0.0,
         0.0,
@@ -141,9 +141,9 @@ def test_where_nothing_is_drawn_robots_move_as_with_the_usual_ranges() -> None:
 
     The numbers of the usual draws are other ones, as there are more in a row.
     """
-    env = env_of(WideConfig(share=1.0, growth_msteps=(1.0, 2.0)))
+    env = env_of(WideSettings(share=1.0, growth_msteps=(1.0, 2.0)))
     usual = JumpEnv(
-        CpuEngine(ROBOT, N, BOXES, dimensions=6, threads=1), config(WideConfig()), LINE, seed=0
+        CpuEngine(ROBOT, N, BOXES, dimensions=6, threads=1), config(WideSettings()), LINE, seed=0
     )
     usual.memory.time_s.zero_()
     for each in (env, usual):
@@ -171,4 +171,4 @@ def test_refuses_what_means_nothing() -> None:
         {"command_delay_s": -0.1},
     ):
         with pytest.raises(ConfigError):
-            WideConfig(**bad)
+            WideSettings(**bad)

@@ -18,12 +18,12 @@ from saltus.errors import SaltusError
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.shards import read_dataset, read_manifest
 from saltus.heightmap.model import HeightmapModel, Normalisation
-from saltus.heightmap.settings import MIN_TICKS, DeviceLoop, ModelConfig
+from saltus.heightmap.settings import MIN_TICKS, DeviceLoop, ModelSettings
 from saltus.heightmap.training import calibration
 from saltus.heightmap.training.train import load_checkpoint
 from saltus.loop.planner import observe
 from saltus.policy.bounds import ACTIONS, plan_from_values
-from saltus.policy.env.settings import TrainConfig
+from saltus.policy.env.settings import TrainSettings
 from saltus.policy.features import PROPRIOCEPTION_SIZE, features
 from saltus.resources import resource
 from saltus.robots.legs import LegKinematics
@@ -116,12 +116,12 @@ def test_an_imitator_that_is_told_what_to_plan_plans_as_the_policy_does(tmp_path
     """A network whose answer is always one plan, through the file,
     the place of heights, and the planner.
     """
-    robot, config = load_robot(DEFAULT_ROBOT), TrainConfig(robot="go1", grid="line")
+    robot, config = load_robot(DEFAULT_ROBOT), TrainSettings(robot="go1", grid="line")
     observation = observe(standing_state(robot), LegKinematics(robot))
     heights = np.full(len(HEIGHTMAP_X), -robot.stand_height)
     plan = config.env.bounds.denormalised(np.random.default_rng(0).uniform(-1.0, 1.0, len(ACTIONS)))
     sizes = (PROPRIOCEPTION_SIZE, PROPRIOCEPTION_SIZE, len(ACTIONS), len(ACTIONS))
-    model = HeightmapModel(ModelConfig(), Normalisation(*map(torch.ones, sizes)))
+    model = HeightmapModel(ModelSettings(), Normalisation(*map(torch.ones, sizes)))
     with torch.no_grad():
         model.head[-1].weight.zero_()
         model.height_mean.copy_(torch.from_numpy(config.env.bounds.normalised(plan)))

@@ -17,7 +17,7 @@ from saltus.heightmap.scan.training.card import card
 from saltus.heightmap.scan.training.evaluation import evaluate, rows_of, table_of, write_results
 from saltus.heightmap.scan.training.export import export
 from saltus.heightmap.scan.training.files import Progress, trained_images
-from saltus.heightmap.scan.training.model import parameters
+from saltus.heightmap.scan.training.model import parameter_count
 from saltus.heightmap.scan.training.settings import FlightSettings, ScanTrainSettings
 from saltus.heightmap.scan.training.train import train
 from saltus.model_file import ModelFile
@@ -112,7 +112,7 @@ def _run(given: argparse.Namespace) -> int:
             ModelFile(given.out / "scan.onnx").model_id,
             settings,
             results,
-            parameters(model),
+            parameter_count(model),
             trained_images(given.out),
             given.commit or commit(),
         )

@@ -6,7 +6,7 @@ import torch
 
 from saltus.heightmap.scan.planes import MEASURED, MEMORY, NUMBERS
 from saltus.heightmap.scan.predictor import FORMAT, INPUTS, OUTPUTS
-from saltus.heightmap.scan.training.model import ScanModel, parameters
+from saltus.heightmap.scan.training.model import ScanModel, parameter_count
 from saltus.heightmap.scan.training.settings import ScanTrainSettings
 from saltus.onnx_export import round_to_half, write_onnx
 
@@ -29,6 +29,6 @@ def export(model: ScanModel, settings: ScanTrainSettings, path: Path) -> None:
         model.eval(), example, path, inputs=INPUTS, outputs=OUTPUTS,
         metadata={
             "format": FORMAT, "map": settings.map.to_toml(), "measured": MEASURED, "memory": MEMORY,
-            "numbers": NUMBERS, "seed": settings.seed, "parameters": parameters(model),
+            "numbers": NUMBERS, "seed": settings.seed, "parameters": parameter_count(model),
         }, half_prefixes=("blocks.",),
     )  # fmt: skip

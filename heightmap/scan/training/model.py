@@ -226,6 +226,6 @@ def loss(estimate: Heights, truth: Tensor, weight: Tensor, spread: Tensor | None
     return (weight * (missed / USUAL_M + 0.5 * quantile)).sum() / weight.sum()
 
 
-def parameters(model: nn.Module) -> int:
+def parameter_count(model: nn.Module) -> int:
     """How many numbers it learns."""
     return sum(math.prod(p.shape) for p in model.parameters())

@@ -24,7 +24,7 @@ from saltus.heightmap.scan.training.examples import Calls, example
 from saltus.heightmap.scan.training.export import export
 from saltus.heightmap.scan.training.files import read_checkpoint
 from saltus.heightmap.scan.training.flights import draw_flight
-from saltus.heightmap.scan.training.model import ScanModel, loss, parameters
+from saltus.heightmap.scan.training.model import ScanModel, loss, parameter_count
 from saltus.heightmap.scan.training.safeguards import Limits
 from saltus.heightmap.scan.training.settings import (
     FlightSettings,
@@ -261,7 +261,7 @@ def test_every_method_is_scored_on_every_group(small, tmp_path, frame):
     assert "usual" in table_of(scores)
     write_results(scores, tmp_path / "scan.json")
     results = read_results(tmp_path / "scan.json")
-    text = card("1d", small, results, parameters(model), 1_500_000, "c0ffee")
+    text = card("1d", small, results, parameter_count(model), 1_500_000, "c0ffee")
     assert text.startswith("# Scan model 1d")
     assert "1.5 million images" in text
     assert f"| network | {every['scan', 'network', 'all'].error_mm:.1f}, " in text
