@@ -169,7 +169,10 @@ class ControlLoop:
 
     def _reference(self, plan: AnyPlan | None) -> Reference:
         message = plan if isinstance(plan, MotionPlan) else _NO_PLAN
-        if self._plan is None or self._plan[0] is not message:
+        turns = self.mode == ControllerMode.RUN and message.yaw_rate != 0.0
+        if turns:
+            self._heading += message.yaw_rate * PHYSICS_DT
+        if turns or self._plan is None or self._plan[0] is not message:
             self._plan = (message, reference_of(plan_of(message), np.asarray(self._heading)))
         return self._plan[1]
 

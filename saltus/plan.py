@@ -58,7 +58,13 @@ def plan_of(message: MotionPlan) -> Plan:
 
 
 def plan_message(
-    plan: Plan, status: PlanStatus, *, time_ns: int = 0, step: int = 0, reason: str = ""
+    plan: Plan,
+    status: PlanStatus,
+    *,
+    time_ns: int = 0,
+    step: int = 0,
+    reason: str = "",
+    yaw_rate: float = 0.0,
 ) -> MotionPlan:
     """The message that brings the plan of one robot."""
     return MotionPlan(
@@ -72,6 +78,7 @@ def plan_message(
         foot_residual_front=plan.foot_residual_front,
         foot_residual_rear=plan.foot_residual_rear,
         reason=reason,
+        yaw_rate=yaw_rate,
     )
 
 

@@ -30,6 +30,9 @@ from saltus.wire.messages import CommandMode, ControllerMode
 
 STOP_MPS, STOP_AT_M, STOP_WITHIN_M, STOP_S = 1.0, (2.0, 7.0), 1.0, 4.0
 """Speed, where along x the command to stand comes, the way that is allowed, and the time."""
+JUMP_STOP_AT_M = (2.0, 5.0)
+"""The same place of a robot that jumps: on the stairs and stones of `saltus.policy.evaluation.
+walking_jumps`."""
 CORNER_S = 3.0
 """Time allowed for the turn at each goal: 180 degrees on the spot take as long."""
 LINE_M, LINE_RAD = 0.05, math.radians(3.0)
@@ -89,17 +92,21 @@ def _aside(here: Floats, places: Floats) -> float:
     return float(np.linalg.norm(here - nearest, axis=1).min())
 
 
-def stop(run: Run, seed: int) -> Errand:
-    """Leads a robot along x at 1.0 m/s, and stops it at a place that the seed draws."""
-    stop_x = float(np.random.default_rng((seed, 3)).uniform(*STOP_AT_M))
+def stop(run: Run, seed: int, *, jumps: bool = False) -> Errand:
+    """Leads a robot along x, at 1.0 m/s where it walks, and stops it at a place that is drawn."""
+    at_m = JUMP_STOP_AT_M if jumps else STOP_AT_M
+    stop_x = float(np.random.default_rng((seed, 3)).uniform(*at_m))
     limit_s = BEGINS_S + SLACK * stop_x / STOP_MPS
-    told_s, there = math.nan, np.zeros(2)
+    told_s, there, speed_mps = math.nan, np.zeros(2), math.nan
 
     def operator(time_s: float, truth: PlantState) -> Wish:
-        nonlocal told_s, there
+        nonlocal told_s, there, speed_mps
         if math.isnan(told_s) and truth.position_base_in_world[0] >= stop_x:
             told_s, there = time_s, truth.position_base_in_world[:2].copy()
-        return along(truth, STOP_MPS) if math.isnan(told_s) else STAND
+            speed_mps = float(np.linalg.norm(truth.velocity_base_in_world[:2]))
+        if math.isnan(told_s):
+            return Wish(mode=CommandMode.JUMP) if jumps else along(truth, STOP_MPS)
+        return STAND
 
     way_m = stood_s = math.nan
     for step in run(operator):
@@ -117,7 +124,8 @@ def stop(run: Run, seed: int) -> Errand:
             break
     if not cause and (way_m > STOP_WITHIN_M or math.isnan(stood_s)):
         cause = "too_far"
-    return Errand(seed=seed, cause=cause, figures={"way_m": way_m, "time_s": stood_s})
+    figures = {"way_m": way_m, "time_s": stood_s, "speed_mps": speed_mps}
+    return Errand(seed=seed, cause=cause, figures=figures)
 
 
 def line(run: Run, seed: int) -> Errand:

@@ -30,10 +30,13 @@ from saltus.policy.evaluation.walking_judge import (
     failure,
     median,
 )
+from saltus.policy.evaluation.walking_jumps import Angles, jump, jumped_ground
 from saltus.policy.evaluation.walking_routes import route
 from saltus.policy.evaluation.walks import HeightSourceFactory, Operator, WalkStep, walk
 from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.joints.walker import Walker
+from saltus.policy.mover import Jumper, Mover, feet_lines
+from saltus.policy.planner import jumping_grid, jumping_planner
 from saltus.setup import Setup
 from saltus.sim.state import PlantState
 from saltus.terrain.terrain import Terrain
@@ -41,7 +44,7 @@ from saltus.workers import Listener, in_order, tell
 
 SEEDS_AT_A_TIME = 5
 
-Kind = Literal["cross", "drill", "route", "stop", "line"]
+Kind = Literal["cross", "drill", "route", "stop", "line", "jump", "jump_stop"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +58,7 @@ class WalkTrials:
     camera: str = "d435i"
     profile: str = "shipped"
     conditions: Conditions = field(default_factory=Conditions)
+    angles: Angles = field(default_factory=Angles)
 
     def setup(self, terrain: Terrain, seed: int) -> Setup:
         """The robot of a trial."""
@@ -83,8 +87,13 @@ Try = Callable[[Run, int], Result]
 """Leads a robot through something, by a seed, and judges it."""
 
 
-def prepared(kind: Kind, name: str, seed: int) -> tuple[Terrain, Try]:
+def prepared(kind: Kind, name: str, seed: int, angles: Angles) -> tuple[Terrain, Try]:
     """The ground of a trial and what is done on it; `ConfigError` where there is no such ground."""
+    if kind == "jump":
+        terrain = jumped_ground(name, seed, angles.askew_deg)
+        return terrain, partial(jump, angles=angles, finish_m=terrain.finish_x)
+    if kind == "jump_stop":
+        return jumped_ground(name, seed), partial(stop, jumps=True)
     if kind == "route":
         drawn = route(name, seed)
         return drawn.terrain, partial(follow, route=drawn)
@@ -109,11 +118,15 @@ class Task:
         results: list[Result] = []
         policy, tick = JointPolicy(trials.model), None
         for seed in self.seeds:
-            terrain, attempt = prepared(self.kind, self.ground, seed)
+            terrain, attempt = prepared(self.kind, self.ground, seed, trials.angles)
             setup = trials.setup(terrain, seed)
             tick = tick or CompiledTick(setup.robot)
             places = setup.grid.places_of(policy.description.height_grid())
-            movers, source = [Walker(setup.robot, policy, places)], self.source(setup)
+            movers: list[Mover] = [Walker(setup.robot, policy, places)]
+            if self.kind in ("jump", "jump_stop"):
+                lines = feet_lines(setup.grid, jumping_grid(setup.robot))
+                movers.append(Jumper(setup.robot, jumping_planner(setup.robot), places=lines))
+            source = self.source(setup)
 
             def run(operator: Operator, here: Setup = setup) -> Iterator[WalkStep]:
                 push_ns = trials.conditions.push_ns
@@ -194,5 +207,6 @@ def crossing_row(results: Sequence[Crossing]) -> dict[str, Any]:
 ROWS: dict[Kind, Callable[..., dict[str, Any]]] = {
     "cross": crossing_row, "drill": drill_row,
     "route": errand_row, "stop": errand_row, "line": errand_row,
+    "jump": errand_row, "jump_stop": errand_row,
 }  # fmt: skip
 """The figures of the results of each kind."""

@@ -16,6 +16,7 @@ from saltus.used_networks import model_id, model_path, walking_path
 from saltus.workers import check_processes
 
 if TYPE_CHECKING:
+    from saltus.policy.evaluation.walking_jumps import Angles
     from saltus.policy.evaluation.walking_trials import Kind
     from saltus.policy.evaluation.walks import HeightSourceFactory
 
@@ -25,6 +26,7 @@ ERRAND_COLUMNS = {
     "way [m]": "way_m", "time [s]": "time_s", "offset [m]": "offset_m", "heading [deg]": "heading_deg",
 }  # fmt: skip
 BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
+CONDITIONS = ("push_ns", "friction", "askew_deg", "heading_deg")
 CAMERA_FLAGS = ("pixels_gone", "camera_blank_s", "camera_late_s")
 ALL = ("plain", "rubble", "stairs", "irregular", "stones", "ramps", "hurdles")
 
@@ -43,6 +45,7 @@ class Trials(RobotOption, JsonOption):
       saltus policy walk trials --model walk.onnx --grounds stairs --drills --heights true
       saltus policy walk trials --grounds rubble --drills --push-ns 20
       saltus policy walk trials --grounds --drills --routes landing course arena --stops stairs
+      saltus policy walk trials --grounds --drills --jumps trench --askew-deg 30
     """
 
     model: Annotated[Path | None, shown("PATH", "the shipped policy of the robot")] = None
@@ -57,6 +60,14 @@ class Trials(RobotOption, JsonOption):
     """Grounds to stop on."""
     lines: Annotated[tuple[str, ...], shown("STR", "none")] = ()
     """Grounds of the drills on which a line is to be reached."""
+    jumps: Annotated[tuple[str, ...], shown("STR", "none")] = ()
+    """Grounds to jump over by the shipped jumping policy: plain, stairs, stones, trench."""
+    jump_stops: Annotated[tuple[str, ...], shown("STR", "none")] = ()
+    """The same grounds to stop on while the robot jumps."""
+    askew_deg: float = 0.0
+    """Angle by which the grounds of --jumps lie askew."""
+    heading_deg: float = 0.0
+    """Angle by which a robot of --jumps is told to turn, to the left, as soon as it jumps."""
     push_ns: float = 0.0
     """One push sideways while a robot walks, of 0.1 s, at a drawn place and to a drawn side [Ns]."""
     friction: Annotated[float | None, shown("FLOAT", "0.5 to 1.0, drawn")] = None
@@ -97,6 +108,7 @@ class Trials(RobotOption, JsonOption):
         trials = WalkTrials(
             robot=self.robot, grid=WALKING_GRID, model=self._policy,
             camera=self.camera, profile=self.profile, conditions=conditions,
+            angles=self._angles,
         )  # fmt: skip
         named = [
             (source, kind, name, task)
@@ -127,6 +139,7 @@ class Trials(RobotOption, JsonOption):
         check_processes(self.processes)
         check_between(self, push_ns=(0.0, 1000.0), camera_blank_s=(0.0, 100.0))
         check_between(self, pixels_gone=(0.0, 1.0))
+        check_between(self, askew_deg=(-45.0, 45.0), heading_deg=(-45.0, 45.0))
         if self.friction is not None:
             check_between(self, friction=(0.01, 5.0))
         if self.camera_late_s is not None:
@@ -141,7 +154,7 @@ class Trials(RobotOption, JsonOption):
                 )
         for kind, names in self._asked.items():
             for name in names:
-                prepared(kind, name, self.seed)
+                prepared(kind, name, self.seed, self._angles)
         _, robot = mounted_camera(self.camera, load_robot(self.robot))
         policy = JointPolicy(self._policy)
         policy.refuse_other(robot)
@@ -153,7 +166,14 @@ class Trials(RobotOption, JsonOption):
         return {
             "cross": self.grounds, "drill": self.drills, "route": self.routes,
             "stop": self.stops, "line": self.lines,
+            "jump": self.jumps, "jump_stop": self.jump_stops,
         }  # fmt: skip
+
+    @property
+    def _angles(self) -> "Angles":
+        from saltus.policy.evaluation.walking_jumps import Angles
+
+        return Angles(askew_deg=self.askew_deg, heading_deg=self.heading_deg)
 
     @property
     def _policy(self) -> Path:
@@ -176,7 +196,7 @@ class Trials(RobotOption, JsonOption):
         return {
             "robot": self.robot, "camera": self.camera, "profile": self.profile,
             "trials": self.trials, "seed": self.seed,
-            "conditions": {name: getattr(self, name) for name in ("push_ns", "friction", *CAMERA_FLAGS)},
+            "conditions": {name: getattr(self, name) for name in (*CONDITIONS, *CAMERA_FLAGS)},
             "models": {kind: model_id(path.read_bytes()) for kind, path in paths.items()},
             "rows": [
                 {"heights": source, "kind": kind, "ground": name, **row}

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from saltus.drive.wish import STAND, Wish
+from saltus.drive.wish import STAND, Wish, moving
 from saltus.errors import ConfigError
 from saltus.wire.messages import CommandMode
 
@@ -33,19 +33,21 @@ HELP = (
 
 
 def moved(wish: Wish, kind: int, number: int, value: int) -> Wish:
-    """The wish after an event: a pushed stick means to walk; other events change nothing."""
+    """The wish after an event: a pushed stick means to walk, turning goes on with a jump; other
+    events change nothing.
+    """
     if kind == BUTTON and value and number in MODES:
         return Wish(mode=MODES[number])
     if kind != AXIS or number not in STICKS:
         return wish
     share = max(-1.0, min(1.0, value / FULL))
     pushed = max(0.0, abs(share) - DEAD) / (1.0 - DEAD)
-    if wish.mode != CommandMode.WALK and not pushed:
-        return wish
     name, fastest = STICKS[number]
-    before = wish if wish.mode == CommandMode.WALK else STAND
+    before = moving(wish, name)
+    if wish.mode != before.mode and not pushed:
+        return wish
     speed = fastest * (pushed if share > 0.0 else -pushed)
-    return replace(before, mode=CommandMode.WALK, **{name: speed})
+    return replace(before, mode=before.mode, **{name: speed})
 
 
 class Gamepad:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
-from saltus.drive.wish import STAND, Wish
+from saltus.drive.wish import STAND, Wish, moving
 from saltus.wire.messages import CommandMode
 
 STEP = 0.2
@@ -29,15 +29,17 @@ HELP = "w s ahead and back, a d turn, q e aside, space stand, j jump, l lie down
 
 
 def pressed(wish: Wish, key: str) -> Wish:
-    """The wish after a key: velocities add up and mean to walk; other keys change nothing."""
+    """The wish after a key: velocities add up and mean to walk, turning goes on with a jump; other
+    keys change nothing.
+    """
     if key in MODES:
         return Wish(mode=MODES[key])
     if key not in VELOCITIES:
         return wish
-    before = wish if wish.mode == CommandMode.WALK else STAND
     name, step = VELOCITIES[key]
+    before = moving(wish, name)
     value = round(min(max(getattr(before, name) + step, -MOST), MOST), 6)
-    return replace(before, mode=CommandMode.WALK, **{name: value})
+    return replace(before, **{name: value})
 
 
 class Keys:

@@ -230,6 +230,8 @@ class MotionPlan:
     """The same for the rear feet."""
     reason: str
     """Why the status is not GO; empty otherwise."""
+    yaw_rate: float = 0.0
+    """Turning to the left of the heading that the robot holds [rad/s]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -263,11 +265,11 @@ class DriveCommand:
     """The robot state that it answers; -1 where it answers none."""
     mode: CommandMode
     velocity_x: float
-    """Ahead, in the yaw frame [m/s]; read in WALK alone, as what follows."""
+    """Ahead, in the yaw frame [m/s]; read in WALK alone."""
     velocity_y: float
-    """To the left [m/s]."""
+    """To the left [m/s]; read in WALK alone."""
     yaw_rate: float
-    """Turning to the left [rad/s]."""
+    """Turning to the left [rad/s]; read in WALK and JUMP."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

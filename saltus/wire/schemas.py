@@ -142,6 +142,7 @@ FIELDS: dict[type[Message], tuple[Field, ...]] = {
         _vector("foot_residual_front", 3, FOOT_RESIDUAL),
         _vector("foot_residual_rear", 3, FOOT_RESIDUAL),
         Field("reason", "string"),
+        _scalar("yaw_rate", -PLAN_VELOCITY, PLAN_VELOCITY),
     ),
     messages.JointPlan: (
         _index("step"),
@@ -291,6 +292,7 @@ _ON_A_LINE: dict[type[Message], tuple[str, ...]] = {
 _OF_THE_LINE: dict[type[Message], tuple[str, ...]] = {
     messages.Heightmap: ("seen_share", "age_s", "dialect", "observation"),
     messages.RobotState: ("position_base_in_odometry", "standing_feet"),
+    messages.MotionPlan: ("yaw_rate",),
 }
 FORMER_GRID = load_grid(UNNAMED["grid"])
 
@@ -314,5 +316,6 @@ FORMER: dict[type[Message], tuple[str, ...]] = {
     )
     for kind in dict.fromkeys([*_OF_THE_LINE, *_ON_A_LINE])
 }
-"""Definitions in older recordings, the newest first: of before there were scans, and of before
+"""Definitions in older recordings, the newest first: of before there were scans and jumps that turn,
+and of before
 messages carried their grid, when all heights stood on `FORMER_GRID`."""

@@ -178,6 +178,38 @@ def test_a_robot_that_has_turned_while_it_walked_jumps_in_its_new_heading(yaw):
         np.testing.assert_allclose(*pair, atol=1e-6)
 
 
+@pytest.mark.parametrize("rate", [-0.4, 0.3])
+def test_a_robot_that_is_told_to_turn_jumps_in_the_heading_that_it_was_turned_to(rate):
+    """Its hips, which turn it, are commanded as those of one that held that heading from the first;
+    standing, it does not turn.
+    """
+    still, turn_s = make_robot().read(), 0.2
+
+    def seen(angle):
+        quaternion = quaternion_from_roll_pitch_yaw(*map(np.asarray, (0.0, 0.0, angle)))
+        return replace(
+            still, measurement=replace(still.measurement, quaternion_base_in_world=quaternion)
+        )
+
+    turned, held, straight = (ControlLoop(ROBOT) for _ in range(3))
+    held.sense(seen(rate * turn_s))
+    phases = [
+        (FIRST_STAND_S + 0.1, PlanStatus.STAND, rate),
+        (turn_s, PlanStatus.GO, rate),
+        (0.2, PlanStatus.GO, 0.0),
+    ]
+    for seconds, status, turning in phases:
+        for t in ticks(seconds):
+            commands = []
+            for loop, asked in ((turned, turning), (held, 0.0), (straight, 0.0)):
+                loop.sense(seen(0.0))
+                plan = replace(bounding(t, loop, status), yaw_rate=asked)
+                commands.append(loop.act(plan, 0.0))
+    assert turned.mode == held.mode == ControllerMode.RUN
+    its, same, other = (command.velocity[::3] for command in commands)
+    assert np.abs(its - same).max() < 0.01 * np.abs(other - same).max()
+
+
 def test_bounds_forward_with_a_useful_estimate():
     robot, loop = make_robot(seed=1), ControlLoop(ROBOT)
     errors, airborne = [], 0

@@ -13,7 +13,7 @@ from saltus.arrays import Array
 from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.loop.planner import Observation, observe
 from saltus.plan import Plan
-from saltus.policy.mover import AT_REST, Decision, Jumper
+from saltus.policy.mover import AT_REST, MOST_TURN_RPS, Decision, Jumper
 from saltus.policy.process import LOST_NS, STAND_NS, PlannerProcess
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.robots.legs import LegKinematics
@@ -275,6 +275,18 @@ def command(mode: CommandMode, step: int) -> DriveCommand:
     return DriveCommand(
         time_ns=step * STEP_NS, step=step, mode=mode, velocity_x=0.0, velocity_y=0.0, yaw_rate=0.0
     )
+
+
+@pytest.mark.parametrize("rate", [-2.0, -0.3, 0.0, 0.4, 1.0])
+def test_a_robot_that_jumps_turns_as_commanded_and_no_faster_than_it_can(rate: float) -> None:
+    process, first = going()
+    limits = (-MOST_TURN_RPS, MOST_TURN_RPS)
+    turning = {CommandMode.JUMP: float(np.clip(rate, *limits)), CommandMode.STAND: 0.0}
+    for step, (mode, expected) in enumerate(turning.items(), first):
+        said = replace(command(mode, step), yaw_rate=rate)
+        plan = process.step(state(step), heightmap(step), step * STEP_NS, said)
+        assert isinstance(plan, MotionPlan)
+        assert plan.yaw_rate == expected
 
 
 def test_every_history_of_three_commands() -> None:

@@ -170,11 +170,12 @@ def test_each_key_changes_its_velocity_alone_and_others_the_mode() -> None:
                 assert after == Wish(mode=MODES[str(key)])
             elif key in VELOCITIES:
                 name, step = VELOCITIES[str(key)]
-                before = wish if wish.mode == CommandMode.WALK else STAND
+                turns = wish.mode == CommandMode.JUMP and name == "turn_rps"
+                before = wish if turns or wish.mode == CommandMode.WALK else STAND
                 expected = min(max(getattr(before, name) + step, -MOST), MOST)
                 assert getattr(after, name) == pytest.approx(expected)
                 assert replace(after, **{name: getattr(before, name)}, mode=before.mode) == before
-                assert after.mode == CommandMode.WALK
+                assert after.mode == (CommandMode.JUMP if turns else CommandMode.WALK)
             else:
                 assert after == wish
             wish = after
@@ -276,6 +277,19 @@ def test_sticks_of_a_gamepad_walk_within_what_policies_know_and_buttons_change_t
         send(gamepad.BUTTON, number, 0)
         send(gamepad.AXIS, 1, 100)  # a stick at rest
         assert driven.wish() == Wish(mode=mode)
+
+
+@pytest.mark.parametrize("value", [-32767, -9000, 30000])
+def test_the_stick_that_turns_steers_a_jump_and_the_others_end_it(pad, value):
+    driven, send, _ = pad
+    for axis, (name, _) in gamepad.STICKS.items():
+        send(gamepad.BUTTON, 1, 1)
+        send(gamepad.AXIS, axis, value)
+        turns = name == "turn_rps"
+        assert driven.wish().mode == (CommandMode.JUMP if turns else CommandMode.WALK)
+        assert getattr(driven.wish(), name) * value < 0.0
+        send(gamepad.AXIS, axis, 0)
+        assert getattr(driven.wish(), name) == 0.0
 
 
 def test_a_gamepad_starts_from_a_stand_and_ends_where_it_is_gone(pad):
