@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.controller.compensation import compensation_for
-from saltus.controller.course import AT_REST, Course, CourseState
+from saltus.controller.course import AT_REST, CourseRun, CourseState
 from saltus.controller.lockstep import Lockstep
 from saltus.controller.loop import ControlLoop
 from saltus.controller.plans import Plans
@@ -65,7 +65,7 @@ class ControllerRun:
         tick = (Tick if lockstep else CompiledTick)(kind, compensation)
         # One that is simulated here begins in its stand pose
         self._loop = ControlLoop(kind, tick, rises=context.config.link == "dds")
-        self._course = Course(context.setup.terrain, context.config.time_limit_s)
+        self._course = CourseRun(context.setup.terrain, context.config.time_limit_s)
         self._progress = CourseState(outcome=None, halt=False, over=False)
         self._plans = Plans(context)
         self._shove = Shove(context.bus)

@@ -86,7 +86,7 @@ class BrakingState:
     frame [m], (..., 4, 3). """
 
 
-class Motion(Protocol):
+class MovingBody(Protocol):
     """How the body moves; `saltus.controller.signals.YawFrameBody` says so, and more."""
 
     @property
@@ -106,7 +106,7 @@ class LastTick(Protocol):
     """Parts of the last tick that a braking plan follows from; `Diagnostics` has them."""
 
     @property
-    def body(self) -> Motion:
+    def body(self) -> MovingBody:
         """The robot."""
 
     @property

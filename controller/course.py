@@ -33,7 +33,7 @@ class CourseState:
     over: bool
 
 
-class Course:
+class CourseRun:
     """Follows one run, one call for each policy step."""
 
     def __init__(self, terrain: Terrain, time_limit_s: float) -> None:

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from saltus.heightmap.service.quantiles import INTERVAL90
-from saltus.heightmap.service.sight import Tick
+from saltus.heightmap.service.sight import NetworkOutputs
 from saltus.heightmap.settings import ModelSettings
 
 MAX_IMAGE_AGE_S = 0.5
@@ -142,10 +142,10 @@ class HeightmapModel(nn.Module):
     @torch.no_grad()
     def tick(
         self, image: Tensor, age: Tensor, new: Tensor, proprioception: Tensor, hidden: Tensor
-    ) -> Tick:
+    ) -> NetworkOutputs:
         """One tick as a file's network answers it, see `saltus.heightmap.service.sight.Network`."""
         estimate, hidden = self.step(image, age.float(), new.float(), proprioception, hidden)
-        return Tick.of(estimate.height, INTERVAL90 * estimate.log_std.exp(), hidden)
+        return NetworkOutputs.of(estimate.height, INTERVAL90 * estimate.log_std.exp(), hidden)
 
     def _inputs(self, encoded: Tensor, age: Tensor, new: Tensor, proprioception: Tensor) -> Tensor:
         normal = (proprioception - self.proprioception_mean) / self.proprioception_std

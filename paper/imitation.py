@@ -16,7 +16,7 @@ from saltus.arrays import Floats, Reals, Singles
 from saltus.errors import ModelError
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.data.predicted import PredictedHeights
-from saltus.heightmap.service.sight import Tick
+from saltus.heightmap.service.sight import NetworkOutputs
 from saltus.loop.planner import Observation, observe
 from saltus.model_file import ModelFile
 from saltus.plan import Plan
@@ -61,7 +61,7 @@ class ImitationNetwork:
 
     def tick(
         self, image: Singles, age_s: Floats, new: NDArray[np.bool_], state: Singles, hidden: Singles
-    ) -> Tick:
+    ) -> NetworkOutputs:
         """One tick of many robots: normalised plans,
         zeros behind them, and widths that say nothing.
         """
@@ -73,7 +73,7 @@ class ImitationNetwork:
         plan, hidden_out = self._session.run(list(IMITATOR_OUTPUTS), given)
         rows = np.zeros((len(plan), len(HEIGHTMAP_X)), np.float32)
         rows[:, : len(ACTIONS)] = plan
-        return Tick.of(rows, np.ones_like(rows), hidden_out)
+        return NetworkOutputs.of(rows, np.ones_like(rows), hidden_out)
 
 
 class ImitatedPlans(PredictedHeights):

@@ -20,7 +20,7 @@ LEAST_M = 1e-9
 """Least distance along the course from an end: one that is nearer is taken for straight below."""
 
 
-class Course:
+class SeenColumns:
     """Columns as a camera sees them."""
 
     def __init__(self, columns: Columns, camera: Intrinsics) -> None:

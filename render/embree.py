@@ -15,7 +15,7 @@ from saltus.arrays import Floats
 from saltus.render._open3d import load_open3d
 from saltus.render.camera import RobotCamera, camera_pose, ray_directions
 from saltus.render.capsules import capsules_in_camera, draw_capsules
-from saltus.render.course import Course
+from saltus.render.course import SeenColumns
 from saltus.render.renderer import Renderer
 from saltus.render.surface import terrain_triangles
 from saltus.robots.leg_shapes import Capsules
@@ -53,7 +53,7 @@ class EmbreeRenderer(Renderer):
             open3d.core.Tensor.from_numpy(vertices), open3d.core.Tensor.from_numpy(triangles)
         )
         columns = terrain.columns
-        self._course = None if columns is None else Course(columns, self.intrinsics)
+        self._course = None if columns is None else SeenColumns(columns, self.intrinsics)
         self._directions = ray_directions(self.intrinsics)
         self._across = self._directions[0, :, 0].astype(np.float32)
         self._down = self._directions[:, 0, 1].astype(np.float32)

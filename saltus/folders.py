@@ -24,7 +24,7 @@ def new_folder(command: str) -> Path:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Difference:
+class SettingDifference:
     """A value that is not the same in two configurations."""
 
     name: str
@@ -35,7 +35,7 @@ class Difference:
 
 def differences(
     before: Mapping[str, object], now: Mapping[str, object], where: str = ""
-) -> Iterator[Difference]:
+) -> Iterator[SettingDifference]:
     """Differences between two configurations, each as nested tables.
 
     A value that one lacks is None there.
@@ -45,7 +45,7 @@ def differences(
         if isinstance(left, Mapping) and isinstance(right, Mapping):
             yield from differences(left, right, f"{where}{name}.")
         elif left != right:
-            yield Difference(name=f"{where}{name}", before=left, now=right)
+            yield SettingDifference(name=f"{where}{name}", before=left, now=right)
 
 
 def ask_for_room(folder: Path) -> None:

@@ -5,7 +5,7 @@ Each is worth this, without it and with it:
 | change | measured | without | with | by |
 |---|---|---|---|---|
 | `kept_small` | memory that stays, a process that dies, an hour | 0.1 to 2 MB | 1 MB | bench soak |
-| `preferred` (1) | loop's share of its time beside a busy program | 50 % | 96 % | test_priority.py |
+| `prefer_this_thread` (1) | loop's share of its time beside a busy program | 50 % | 96 % | test_priority.py |
 | `switch_soon` | median age of a dated message (2) | 5.2 ms | 0.9 ms | bench tuning |
 | `keep_thread` | work for each message that comes | 44 us | 34 us | bench tuning |
 | `stand_back` | p99 of the ages of heights, by a page (3) | not measured | +4, +5 % | bench watch |
@@ -75,8 +75,9 @@ def prefer_process(process: str) -> None:
 
 
 def prefer_loop(process: str) -> None:
-    """The same for the calling thread of a process whose loop
-    comes before the threads of its libraries.
+    """Puts the calling thread, a process's loop, before the threads of its libraries.
+
+    Does nothing in processes that are not in `FIRST`, or without the right to (CAP_SYS_NICE).
     """
     if process in FIRST:
         with contextlib.suppress(PermissionError):
@@ -84,12 +85,12 @@ def prefer_loop(process: str) -> None:
 
 
 @contextlib.contextmanager
-def preferred() -> Iterator[None]:
-    """The same for the calling thread and those that it starts,
-    while the block lasts: for the supervisor.
+def prefer_this_thread() -> Iterator[None]:
+    """Asks the scheduler to prefer the calling thread and those that it starts,
+    while the block lasts.
 
-    It dates what it records, and shares a session with whatever else was started from the same
-    shell.
+    For the supervisor, which dates what it records: it shares a session with whatever else was
+    started from the same shell, and so cannot use `prefer_process`.
     """
     before = os.getpriority(os.PRIO_PROCESS, 0)
     _set_slices(SLICE_NS)

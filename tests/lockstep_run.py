@@ -11,7 +11,7 @@ from samples import put_run
 
 from saltus.config import RunConfig
 from saltus.named_setup import named_setup
-from saltus.recordings.answers import Comparison
+from saltus.recordings.answers import AnswerComparison
 from saltus.recordings.recorder import RECORDING_FILE, Recorder
 from saltus.recordings.recording import Recording, read_recording
 from saltus.runtime.process import ProcessContext
@@ -84,9 +84,9 @@ def recorded_run(
     return read_recording(folder / RECORDING_FILE)
 
 
-def compared(recording: Recording, name: str, config: RunConfig | None = None) -> Comparison:
+def compared(recording: Recording, name: str, config: RunConfig | None = None) -> AnswerComparison:
     """Answers of a process that is fed a recording again, beside those of the recording."""
-    comparison = Comparison(recording, name)
+    comparison = AnswerComparison(recording, name)
     replay(name, recording, lambda answer: comparison.take(*answer), config=config)
     comparison.finish()
     return comparison

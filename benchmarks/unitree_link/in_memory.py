@@ -7,7 +7,7 @@ import numpy as np
 
 from saltus.constants import PHYSICS_DT
 from saltus.controller.loop import ControlLoop
-from saltus.controller.robot.unitree.faults import Fault, Faults
+from saltus.controller.robot.unitree.faults import Faults, PlantedFault
 from saltus.controller.robot.unitree.limits import STAGES, StageLimits
 from saltus.controller.robot.unitree.link import (
     ANSWERS,
@@ -45,7 +45,9 @@ def simulated(*faults: str, seed: int = 0, held: bool = False) -> SimulatedUnitr
     """One with the drives that a trial draws: 0.9 to 1.1 of their strength, and later or sooner."""
     profile = Trial.draw(seed).applied_to(load_profile("shipped", ROBOT))
     plant = Plant(ROBOT, flat.make(), chain=profile.actuator_chain, held=held)
-    return SimulatedUnitree(plant, Faults([Fault.parse(each) for each in faults], seed), seed)
+    return SimulatedUnitree(
+        plant, Faults([PlantedFault.parse(each) for each in faults], seed), seed
+    )
 
 
 class Wire:

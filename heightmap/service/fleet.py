@@ -10,7 +10,7 @@ import numpy as np
 from saltus.heightmap.service.image_watch import DEPTH, worse
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
-from saltus.heightmap.service.sight import Tick, TickInputs
+from saltus.heightmap.service.sight import NetworkInputs, NetworkOutputs
 from saltus.wire.bus import Sample
 from saltus.wire.messages import DepthFrame, Heightmap, RobotState
 from saltus.wire.topics import Topic
@@ -130,7 +130,7 @@ class FleetService:
 
     def step(self, arrivals: Mapping[str, RobotRequest]) -> dict[str, Heightmap]:
         """Answers those robots that ask, by name, each as `HeightmapService.step` would."""
-        asked: list[tuple[HeightmapService, RobotRequest, TickInputs]] = []
+        asked: list[tuple[HeightmapService, RobotRequest, NetworkInputs]] = []
         for name, arrival in arrivals.items():
             self._robots[name].accept(arrival)
             for service in self._robots[name].services:
@@ -155,7 +155,7 @@ class FleetService:
         return robot.service.last
 
 
-def _run(network: HeightmapNetwork, asked: list[TickInputs]) -> list[Tick]:
+def _run(network: HeightmapNetwork, asked: list[NetworkInputs]) -> list[NetworkOutputs]:
     """One call of the network for all, each of whom is one robot."""
     if len(asked) == 1:
         return [network.tick(*asked[0])]

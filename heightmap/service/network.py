@@ -14,7 +14,7 @@ from saltus.errors import ModelError
 from saltus.grid import HeightGrid, grid_metadata
 from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.quantiles import INTERVAL90
-from saltus.heightmap.service.sight import Tick
+from saltus.heightmap.service.sight import NetworkOutputs
 from saltus.model_file import ModelFile, Session
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
@@ -87,8 +87,8 @@ class HeightmapNetwork:
         new: NDArray[np.bool_],
         features: Singles,
         hidden: Singles,
-    ) -> Tick:
-        """Runs one tick of many robots; see `saltus.heightmap.service.sight.TickInputs`."""
+    ) -> NetworkOutputs:
+        """Runs one tick of many robots; see `saltus.heightmap.service.sight.NetworkInputs`."""
         return self._call(len(image)).run((image, age_s, new, features, hidden))
 
     def _call(self, robots: int) -> "_Call":
@@ -120,14 +120,14 @@ class _Call:
         factors = [INTERVAL90 if name == "std" else 1.0 for name in OUTPUTS]
         self._factors = np.repeat(np.array(factors, np.float32), sizes)
 
-    def run(self, values: Iterable[ArrayLike]) -> Tick:
+    def run(self, values: Iterable[ArrayLike]) -> NetworkOutputs:
         """Takes what `INPUTS` names."""
         for array, value in zip(self._inputs, values, strict=True):
             array[...] = value
         self._session.run_with_iobinding(self._binding)
         told = np.concatenate(self._outputs, axis=1)
         told *= self._factors
-        return Tick(told, self._outputs[0].shape[1])
+        return NetworkOutputs(told, self._outputs[0].shape[1])
 
 
 def _shapes(hidden_size: Any, points: int) -> dict[str, list[Any]]:

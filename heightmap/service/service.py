@@ -12,9 +12,9 @@ from saltus.heightmap.service.image_watch import DEPTH, NO_FRAME, ImageWatch, wo
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.sight import (
     BAD_OUTPUTS_TO_FORGET,
+    NetworkInputs,
+    NetworkOutputs,
     Sight,
-    Tick,
-    TickInputs,
 )
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
 from saltus.wire.topics import Topic
@@ -98,7 +98,7 @@ class HeightmapService:
 
     def prepare(
         self, state: RobotState, frame: DepthFrame | None, now_ns: int
-    ) -> TickInputs | None:
+    ) -> NetworkInputs | None:
         """First part of `step`: takes the frame in and says what the network is to be given.
 
         None where the state was answered already, by `last`.
@@ -112,7 +112,9 @@ class HeightmapService:
         features = proprioception_of(state, self._network.legs)[None]
         return self._sight.inputs(self._time_s(state.time_ns), new, features)
 
-    def finish(self, state: RobotState, inputs: TickInputs, tick: Tick, now_ns: int) -> Heightmap:
+    def finish(
+        self, state: RobotState, inputs: NetworkInputs, tick: NetworkOutputs, now_ns: int
+    ) -> Heightmap:
         """Second part of `step`: judges what the network made of `inputs`, and answers."""
         if self._sight.judge(tick)[0]:
             status = self._input_status(state, now_ns)

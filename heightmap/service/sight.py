@@ -31,7 +31,7 @@ _FEWEST_PIXELS = (1.0 - BLIND_INVALID_PIXELS) * MODEL_CAMERA.height * MODEL_CAME
 _ROUNDING_S = 1e-6  # times that are meant to be equal may differ by rounding
 
 
-class TickInputs(NamedTuple):
+class NetworkInputs(NamedTuple):
     """Inputs of one tick of n robots."""
 
     image: Array
@@ -46,7 +46,7 @@ class TickInputs(NamedTuple):
     """State of the network, shape (n, hidden size)."""
 
 
-class Tick(NamedTuple):
+class NetworkOutputs(NamedTuple):
     """Outputs of a network, in one array; not checked."""
 
     values: Array
@@ -54,7 +54,7 @@ class Tick(NamedTuple):
     points: int
 
     @classmethod
-    def of(cls, height: Array, half_width_90: Array, hidden: Array) -> "Tick":
+    def of(cls, height: Array, half_width_90: Array, hidden: Array) -> "NetworkOutputs":
         """Joins outputs that are arrays of their own."""
         values = namespace(height).concat((height, half_width_90, hidden), axis=-1)
         return cls(values, height.shape[-1])
@@ -84,8 +84,10 @@ class Network(Protocol):
     points: int
     """Number of heights that the network tells."""
 
-    def tick(self, image: Array, age_s: Array, new: Array, features: Array, hidden: Array) -> Tick:
-        """One tick of many robots; arguments are those of `TickInputs`."""
+    def tick(
+        self, image: Array, age_s: Array, new: Array, features: Array, hidden: Array
+    ) -> NetworkOutputs:
+        """One tick of many robots; arguments are those of `NetworkInputs`."""
         ...
 
 
@@ -137,7 +139,7 @@ class Sight:
             arrived: Whose image in hand has just come, bool, shape (n,).
             in_hand: The newest images that have arrived [mm], shape (n, 48, 16).
             time_s: Now.
-            features: See `TickInputs`.
+            features: See `NetworkInputs`.
             fresh: Robots that start anew, bool, shape (n,): what they saw is void.
 
         Returns:
@@ -183,12 +185,12 @@ class Sight:
         self.image = xp.where(new[:, None, None, None], image, self.image)
         return new, forgets
 
-    def inputs(self, time_s: float, new: Array, features: Array) -> TickInputs:
+    def inputs(self, time_s: float, new: Array, features: Array) -> NetworkInputs:
         """Returns what the network is to be given at a time; `new` is what `show` returned."""
         age_s = namespace(new).maximum(time_s - self.captured_s, 0.0)
-        return TickInputs(self.image, age_s, new, features, self.hidden)
+        return NetworkInputs(self.image, age_s, new, features, self.hidden)
 
-    def judge(self, tick: Tick) -> Array:
+    def judge(self, tick: NetworkOutputs) -> Array:
         """Takes in what the network made of the inputs, where it is plausible.
 
         Elsewhere heights and hidden state stay as they were; after three such outputs in a row

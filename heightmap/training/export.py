@@ -21,7 +21,7 @@ from saltus.heightmap.service.network import (
     camera_metadata,
 )
 from saltus.heightmap.service.quantiles import INTERVAL90
-from saltus.heightmap.service.sight import TickInputs
+from saltus.heightmap.service.sight import NetworkInputs
 from saltus.onnx_export import round_to_half, write_onnx
 from saltus.provenance import commit
 from saltus.robots.loading import load_robot
@@ -102,7 +102,7 @@ def metadata(model: HeightmapModel, origin: Origin) -> dict[str, object]:
 def parity(
     model: HeightmapModel,
     network: HeightmapNetwork,
-    inputs: Iterable[TickInputs],
+    inputs: Iterable[NetworkInputs],
     reset_every: int = 170,
 ) -> float:
     """Greatest difference in a tick between the file and torch in double precision.
@@ -137,7 +137,7 @@ def parity(
 
 def random_inputs(
     model: HeightmapModel, rng: np.random.Generator, steps: int
-) -> Iterator[TickInputs]:
+) -> Iterator[NetworkInputs]:
     """Random inputs in the range of what occurs, each of one robot whose hidden state is empty."""
     mean, spread = model.proprioception_mean.numpy(), model.proprioception_std.numpy()
     for _ in range(steps):
@@ -151,7 +151,7 @@ def random_inputs(
             rng.uniform() < 0.5,
             np.zeros((1, model.config.hidden)),
         )
-        yield TickInputs(image[None], np.array([age_s]), np.array([new]), features[None], hidden)
+        yield NetworkInputs(image[None], np.array([age_s]), np.array([new]), features[None], hidden)
 
 
 def _example(model: HeightmapModel) -> tuple[Tensor, ...]:

@@ -12,7 +12,7 @@ from saltus.depth import model_image
 from saltus.heightmap.data.delivery import FRAME_TICKS, DeliveryModel, deliver
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.service.sight import TickInputs
+from saltus.heightmap.service.sight import NetworkInputs
 
 # Standing, the camera sees the ground from 0.485 m on (derived from its pose and field of view)
 AHEAD_X = 0.45
@@ -150,7 +150,7 @@ def run_episode(
     return height, half_width_90
 
 
-def episode_inputs(episode: Episode, delivery: DeliveryModel) -> Iterator[TickInputs]:
+def episode_inputs(episode: Episode, delivery: DeliveryModel) -> Iterator[NetworkInputs]:
     """Returns what the network gets at each tick of an episode but for its hidden state,
     images without noise.
     """
@@ -161,4 +161,4 @@ def episode_inputs(episode: Episode, delivery: DeliveryModel) -> Iterator[TickIn
         episode.proprioception, frames, ages_s, news, strict=True
     ):
         image, hidden = images[frame] if frame >= 0 else blank, np.empty((1, 0), np.float32)
-        yield TickInputs(image[None], np.array([age_s]), np.array([new]), features[None], hidden)
+        yield NetworkInputs(image[None], np.array([age_s]), np.array([new]), features[None], hidden)

@@ -17,7 +17,7 @@ LIMIT = 100.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Sensed:
+class WalkerReadings:
     """Readings and memory of a walking robot; arrays of shape (..., k), joints in our order."""
 
     angular_velocity: Places
@@ -38,7 +38,7 @@ class Sensed:
     """Estimate, base frame [m/s], shape (..., 3); None where no part tells it."""
 
 
-class Observer:
+class ObservationMaker:
     """Makes the vector of a description, without its history."""
 
     def __init__(self, description: PolicyDescription) -> None:
@@ -48,12 +48,12 @@ class Observer:
         self._order = None if order == list(range(len(JOINTS))) else order
         self._scales = {part.name: Constant(np.asarray(part.scale)) for part in self._parts}
 
-    def vector(self, given: Sensed) -> Array:
+    def vector(self, given: WalkerReadings) -> Array:
         """The policy's vector, shape (..., size), within `LIMIT`."""
         told = [self._told(part, self._value(part, given)) for part in self._parts]
         return namespace(given.gravity).concat(told, axis=-1).clip(-LIMIT, LIMIT)
 
-    def _value(self, part: Part, given: Sensed) -> Array:
+    def _value(self, part: Part, given: WalkerReadings) -> Array:
         if part.name == "joint_position":
             offset = given.joint_position - self._pose.like(given.joint_position)
             return self._ordered(offset)

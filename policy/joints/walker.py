@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats, smooth_step
 from saltus.policy.joints.footing import Footing, is_slow
 from saltus.policy.joints.observation import (
-    Observer,
-    Sensed,
+    ObservationMaker,
+    WalkerReadings,
     gravity_in_base,
     joint_targets,
     standing_height,
@@ -51,7 +51,7 @@ class Walker:
         described = policy.description
         self._robot, self._policy, self._described = robot, policy, described
         self._observer, self._places = (
-            Observer(described),
+            ObservationMaker(described),
             slice(None) if places is None else places,
         )
         self._pose, self._scale = described.pose, described.action_scale
@@ -129,9 +129,9 @@ class Walker:
         ours[self._described.order] = self._action
         self._targets = joint_targets(self._pose, self._scale, ours)
 
-    def _sensed(self, state: RobotState, heights: Floats, velocity: Velocity) -> Sensed:
+    def _sensed(self, state: RobotState, heights: Floats, velocity: Velocity) -> WalkerReadings:
         rotation = rotation_matrix(state.quaternion_base_in_world)
-        return Sensed(
+        return WalkerReadings(
             linear_velocity=state.velocity_base_in_world @ rotation,
             angular_velocity=state.angular_velocity_base,
             gravity=gravity_in_base(rotation),

@@ -23,8 +23,8 @@ from saltus.policy.env.randomisation import BODY_DRAWS, SOFT_RUBBER, draw_bodies
 from saltus.policy.env.training_env import TrainingEnv, Transition
 from saltus.policy.joints.observation import (
     LIMIT,
-    Observer,
-    Sensed,
+    ObservationMaker,
+    WalkerReadings,
     gravity_in_base,
     joint_targets,
     standing_height,
@@ -32,7 +32,7 @@ from saltus.policy.joints.observation import (
 from saltus.policy.walking import commands
 from saltus.policy.walking.commands import draw_command, followed, in_command_frame
 from saltus.policy.walking.description import POLICY_HZ, SIZE, description_of
-from saltus.policy.walking.ground import Ground, in_trench
+from saltus.policy.walking.ground import CourseField, in_trench
 from saltus.policy.walking.memory import WalkMemory, blank_memory
 from saltus.policy.walking.rewards import AIR_TIME_S, RewardInputs, reward_terms, total
 from saltus.policy.walking.scan_errors import ScanErrors
@@ -86,11 +86,11 @@ class WalkEnv(TrainingEnv):
             [name in config.ground.wide for name in config.ground.shares], device=self.device
         )
         self.memory = blank_memory(kind, wide[kind], config.ground.boxes)
-        self.ground = Ground(config.ground, self.memory.time_s)
+        self.ground = CourseField(config.ground, self.memory.time_s)
         self._is_kind = torch.stack([kind == k for k in range(len(config.ground.shares))]).float()
         self._scan_errors, self._observer = (
             ScanErrors(config.scan),
-            Observer(description),
+            ObservationMaker(description),
         )
         profile = load_profile(config.profile, self.robot)
         self._body = profile.body_chain
@@ -364,7 +364,7 @@ class WalkEnv(TrainingEnv):
         def of(name: str) -> Tensor | None:
             return None if noise is None else getattr(noise, name)
 
-        given = Sensed(
+        given = WalkerReadings(
             angular_velocity=noisy(qvel[:, 3:6], limits.angular_velocity, of("angular_velocity")),
             gravity=noisy(gravity_in_base(rotation), limits.gravity, of("gravity")),
             command=self.memory.command,

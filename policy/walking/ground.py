@@ -37,7 +37,7 @@ def in_trench(boxes: Boxes, foot: Tensor) -> Tensor:
     return foot[..., 2] < edge - MISSED_M
 
 
-class Ground:
+class CourseField:
     """All courses on one device."""
 
     def __init__(self, config: GroundSettings, like: Tensor) -> None:

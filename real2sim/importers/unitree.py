@@ -14,8 +14,8 @@ from saltus.controller.robot.unitree.messages import (
     LOW_STATE,
     MOTORS,
     OFF,
-    Layout,
     Message,
+    MessageLayout,
     is_intact,
 )
 from saltus.errors import MessageError, RecordingError
@@ -127,7 +127,7 @@ def _gains(signals: dict[str, Floats], kept: NDArray[np.bool_]) -> RigClaims:
     return {"kp": kp, "kd": kd}
 
 
-def _read(path: Path, layout: Layout, notes: list[str]) -> tuple[Message, NDArray[np.int64]]:
+def _read(path: Path, layout: MessageLayout, notes: list[str]) -> tuple[Message, NDArray[np.int64]]:
     """Intact messages of one type, shape (n,), and when they were recorded [ns]."""
     kept: list[Message] = []
     times: list[int] = []

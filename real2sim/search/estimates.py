@@ -35,7 +35,7 @@ TINY = 1e-30
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Place:
+class EffectPlace:
     """Estimate of an effect at one place.
 
     Attributes:
@@ -60,15 +60,17 @@ class Place:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Group:
-    """Places at which an effect has one value; its covariances are those of `Place`."""
+    """Places at which an effect has one value; its covariances are those of `EffectPlace`."""
 
-    places: tuple[Place, ...]
+    places: tuple[EffectPlace, ...]
     value: Floats
     covariance: Floats
     misfit: Floats
 
 
-def places_of(problem: Problem, comparison: ModelComparison, fit: Fit, effect: str) -> list[Place]:
+def places_of(
+    problem: Problem, comparison: ModelComparison, fit: Fit, effect: str
+) -> list[EffectPlace]:
     """Estimates of a fitted effect at all its places."""
     quadratic = fit.quadratic(comparison.layout, comparison.split)
     free = np.ones(len(fit.columns), dtype=bool)
@@ -85,7 +87,7 @@ def places_of(problem: Problem, comparison: ModelComparison, fit: Fit, effect: s
             trace = fit.unknowns[block, fit.columns[sized]] @ fit.jacobian[block, sized]
             wrong = _misfit_norm(comparison, fit, block, candidate, own)
             found.append(
-                Place(
+                EffectPlace(
                     block=block,
                     candidate=index,
                     name=problem.places[block].get(candidate.where, candidate.where),
@@ -122,7 +124,7 @@ def _misfit_norm(
     return np.asarray(np.sqrt(candidate.model_error**2 * added + ALONG**2 * left))
 
 
-def group(problem: Problem, places: list[Place], least: float) -> list[Group]:
+def group(problem: Problem, places: list[EffectPlace], least: float) -> list[Group]:
     """The simplest pattern of places and values that agrees with the estimates.
 
     Patterns, simplest first: one value everywhere; at one kind of place; in one block; at one
@@ -165,12 +167,12 @@ def group(problem: Problem, places: list[Place], least: float) -> list[Group]:
     return [_pool(each) for each in (*alike, *([place] for place in rest))]
 
 
-def each_alone(problem: Problem, places: list[Place], least: float) -> list[Group]:
+def each_alone(problem: Problem, places: list[EffectPlace], least: float) -> list[Group]:
     """Every place at which an effect is present, with its own value; arguments as `group`."""
     return [_pool([places[i]]) for i in present_at(problem, places, least)]
 
 
-def each_trace(places: list[Place], least: float) -> list[Group]:
+def each_trace(places: list[EffectPlace], least: float) -> list[Group]:
     """Every place at which the effect has an RMS of `least`,
     and the place that shows it best, with its own value.
     """
@@ -178,7 +180,7 @@ def each_trace(places: list[Place], least: float) -> list[Group]:
     return [_pool([place]) for place in places if place.rms >= least]
 
 
-def present_at(problem: Problem, places: list[Place], least: float) -> list[int]:
+def present_at(problem: Problem, places: list[EffectPlace], least: float) -> list[int]:
     """Indices of the places at which an effect is larger than chance and simulator disagreement.
 
     At least one.
@@ -198,7 +200,7 @@ def stated_apart(problem: Problem, one: Group) -> list[Group]:
     """The group, in parts where its value means other parameters,
     as it counts from what a profile has there.
     """
-    parts: dict[tuple[float, ...], list[Place]] = {}
+    parts: dict[tuple[float, ...], list[EffectPlace]] = {}
     for place in one.places:
         told = problem.candidates[place.candidate].parameters(one.value, place.block)
         parts.setdefault(tuple(found.value for found in told.values()), []).append(place)
@@ -275,7 +277,7 @@ def _with_unseen(covariance: Floats, candidate: Candidate) -> Floats:
     return covariance + np.diag(np.where(own <= 0.0, widths**2, ROUNDING * own))
 
 
-def _weights(places: list[Place], share: float) -> list[Floats]:
+def _weights(places: list[EffectPlace], share: float) -> list[Floats]:
     """Inverse covariances of estimates, with a model error
     that is a share of the most certain value.
     """
@@ -287,7 +289,7 @@ def _weights(places: list[Place], share: float) -> list[Floats]:
     ]
 
 
-def _agreement(problem: Problem, places: list[Place]) -> float:
+def _agreement(problem: Problem, places: list[EffectPlace]) -> float:
     """Probability of a scatter as large as that of the estimates if all places have one value.
 
     Kinds of places are also compared with each other: a difference of one kind would be lost in the
@@ -300,7 +302,7 @@ def _agreement(problem: Problem, places: list[Place]) -> float:
     )
 
 
-def _by_kind(problem: Problem, places: list[Place]) -> list[list[Place]]:
+def _by_kind(problem: Problem, places: list[EffectPlace]) -> list[list[EffectPlace]]:
     kinds = dict.fromkeys(problem.candidates[place.candidate].where for place in places)
     return [
         [place for place in places if problem.candidates[place.candidate].where == kind]
@@ -326,14 +328,16 @@ def _scatter(values: list[Floats], weights: list[Floats]) -> float:
     return float(stats.chi2.sf(square, freedom)) if freedom else 1.0
 
 
-def _misfit(problem: Problem, places: list[Place], members: list[int], present: list[int]) -> float:
+def _misfit(
+    problem: Problem, places: list[EffectPlace], members: list[int], present: list[int]
+) -> float:
     """Probability of these estimates for a pattern: one value at its members, absent elsewhere."""
     if not set(present) <= set(members):
         return 0.0
     return _agreement(problem, [places[i] for i in members])
 
 
-def _pool(places: list[Place]) -> Group:
+def _pool(places: list[EffectPlace]) -> Group:
     """One value for several places, weighted by their errors; its error covers their scatter.
 
     Places have one law, so that a wrong shape moves the values of all of them alike: its error does

@@ -30,7 +30,7 @@ from saltus.wire.messages import (
 if TYPE_CHECKING:
     from saltus.config import RunConfig
     from saltus.heightmap.service.scan_fleet import ScanChoice
-    from saltus.recordings.answers import Comparison
+    from saltus.recordings.answers import AnswerComparison
     from saltus.recordings.recording import Arrival, Recording
     from saltus.robots.robot import Robot
     from saltus.runtime.replay import Answer
@@ -108,7 +108,7 @@ class Replay(ScanOptions, RobotOption, JsonOption):
             )
 
     def _process(self, recording: "Recording") -> int:
-        from saltus.recordings.answers import Comparison
+        from saltus.recordings.answers import AnswerComparison
         from saltus.runtime.replay import body_of, replay
 
         name, config, body = PROGRAM[self.process], self._config(recording), None
@@ -119,7 +119,7 @@ class Replay(ScanOptions, RobotOption, JsonOption):
             body = partial(body_of(name), scan=choice)
             if not recording.of(RobotState):
                 raise RecordingError(f"{self.recording} has no robot state: add --assume-level")
-        comparison, heightmaps = Comparison(recording, name), list[Heightmap]()
+        comparison, heightmaps = AnswerComparison(recording, name), list[Heightmap]()
         # On the points of the run, where anybody answered in it
         own_points = self.grid is None and bool(comparison.topics)
 
@@ -275,7 +275,7 @@ def _show(bar: Bar, stage: str, end_ns: int, arrival: "Arrival") -> None:
     bar.at(stage, arrival.arrival_ns / end_ns)
 
 
-def _compared(comparison: "Comparison") -> dict[str, object]:
+def _compared(comparison: "AnswerComparison") -> dict[str, object]:
     """A comparison as a table."""
     return {
         "messages": {topic: asdict(counts) for topic, counts in comparison.topics.items()},

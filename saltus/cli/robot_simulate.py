@@ -87,7 +87,7 @@ class Simulate(PaceOptions, LinkOptions):
         return 0
 
     def _simulated(self, robot: "Robot") -> "SimulatedUnitree":
-        from saltus.controller.robot.unitree.faults import Fault, Faults
+        from saltus.controller.robot.unitree.faults import Faults, PlantedFault
         from saltus.controller.robot.unitree.simulated import SimulatedUnitree
         from saltus.effects.motors import VoltageSag
         from saltus.effects.profile import load_profile
@@ -105,6 +105,6 @@ class Simulate(PaceOptions, LinkOptions):
             held=self.held,
         )  # fmt: skip
         plant.reset(position_x=trial.position_x, yaw=trial.yaw)
-        faults = Faults([Fault.parse(text) for text in self.fault], self.seed)
+        faults = Faults([PlantedFault.parse(text) for text in self.fault], self.seed)
         sag = next((each for each in profile.actuator if isinstance(each, VoltageSag)), None)
         return SimulatedUnitree(plant, faults, self.seed, sag)

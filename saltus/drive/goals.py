@@ -37,7 +37,7 @@ class Goals:
     ) -> None:
         self._left = [np.array(goal, np.float64) for goal in goals]
         self._speed, self._turn = speed_mps, turn_rps
-        self._way = Way()
+        self._way = PoseOnWay()
 
     @property
     def is_over(self) -> bool:
@@ -72,7 +72,7 @@ class Goals:
         )
 
 
-class Way:
+class PoseOnWay:
     """Place and heading in the frame of the first state:
     by odometry, else by adding up velocities.
     """

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from itertools import pairwise
 from pathlib import Path
 
-from saltus.drive.goals import TURN_RPS, Goals, Way
+from saltus.drive.goals import TURN_RPS, Goals, PoseOnWay
 from saltus.drive.wish import STAND, Wish
 from saltus.errors import ConfigError, check_known, nearest_hint
 from saltus.wire.messages import CommandMode, RobotState
@@ -45,7 +45,7 @@ class Script:
             raise ConfigError(f"{path}: {error}") from error
         self._times = [time for time, _ in rows]
         self._wishes = [STAND, *(wish for _, wish in rows)]
-        self._way = Way()
+        self._way = PoseOnWay()
 
     @property
     def end_s(self) -> float:

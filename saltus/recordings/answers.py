@@ -52,7 +52,7 @@ class FieldDifference:
     """Largest absolute difference of two numbers; 0 where they are no numbers."""
 
 
-class Comparison:
+class AnswerComparison:
     """Takes in what a process says again, message by message, and compares it byte by byte.
 
     Messages of a topic belong together by their capture time. One that is said twice counts once,

@@ -63,9 +63,8 @@ def is_raw(image: Image) -> "TypeIs[RawImage]":
 
 
 def encoding_text(image: Image) -> str:
-    """Encoding of an Image.
-
-    Of a CompressedImage that of its pixels, and how they are compressed where that matters.
+    """Text that says how an image's pixels are encoded: `16UC1`, or `16UC1 by rvl`
+    for a CompressedImage that RVL compresses.
     """
     if is_raw(image):
         return str(image.encoding)

@@ -136,7 +136,7 @@ class Units:
 
 
 def check_depth_unit(unit_m: float) -> None:
-    """Raises `ConfigError` for a step of depth images [m] that no camera has."""
+    """Raises `ConfigError` for a step of depth images that is not from 1e-6 to 1 m."""
     if not 1e-6 <= unit_m <= 1.0:
         raise ConfigError(
             f"depth_unit_m = {unit_m:g}: 1e-06 to 1 m is allowed, 0.001 is a millimetre"

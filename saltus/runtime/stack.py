@@ -31,7 +31,7 @@ from saltus.runtime.programs import PROGRAMS, Program
 from saltus.runtime.real_time import RealTimeFactor, RealTimeMonitor
 from saltus.runtime.run_folder import CLIENT_FILE, write_run
 from saltus.runtime.run_recorder import RunRecorder
-from saltus.tuning import kept_small, preferred
+from saltus.tuning import kept_small, prefer_this_thread
 from saltus.wire.bus import Latest, Publisher, RawSample, Stream, sender_of, unpack
 from saltus.wire.codec import Envelope
 from saltus.wire.joining import write_client
@@ -188,7 +188,7 @@ class Stack:
     def _open(self) -> None:
         realtime = not self._clock.lockstep
         if realtime:
-            self._resources.enter_context(preferred())
+            self._resources.enter_context(prefer_this_thread())
         self._resources.enter_context(kept_small())
         self.endpoint, router = open_router(self._network, self.config.link_speed)
         self._resources.callback(router.close)

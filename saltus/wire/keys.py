@@ -45,7 +45,7 @@ class Issued:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Keys:
+class AuthorityKeys:
     """State of an authority, which its folder holds beside keys and certificates."""
 
     address: str
@@ -60,7 +60,7 @@ class Keys:
         }
 
 
-def create(folder: Path, address: str, days: int) -> Keys:
+def create(folder: Path, address: str, days: int) -> AuthorityKeys:
     """Makes an authority, and a certificate for a router at `address`, host:port.
 
     Raises:
@@ -87,7 +87,7 @@ def create(folder: Path, address: str, days: int) -> Keys:
         constraints, critical=True
     )
     _write(folder, AUTHORITY, _pem(key), certificate.sign(key, hashes.SHA256()))
-    keys, router = _issue(folder, Keys(address=address), ROUTER, days)
+    keys, router = _issue(folder, AuthorityKeys(address=address), ROUTER, days)
     _write(folder, ROUTER, router.key, x509.load_pem_x509_certificate(router.certificate))
     return keys
 
@@ -121,11 +121,11 @@ def revoke(folder: Path, name: str) -> None:
     _save(folder, replace(keys, issued=issued))
 
 
-def load(folder: Path) -> Keys:
+def load(folder: Path) -> AuthorityKeys:
     """Reads the folder of an authority; `ConfigError` where there is none."""
     if not (folder / STATE).is_file():
         raise ConfigError(f"{folder} holds no authority: saltus keys init makes one")
-    return read_toml_file(Keys, folder / STATE)
+    return read_toml_file(AuthorityKeys, folder / STATE)
 
 
 def network_of(folder: Path, listen: str, prefix: str) -> NetworkAccess:
@@ -160,7 +160,9 @@ def _private(host: str) -> bool:
         return "." not in host or host.endswith(PRIVATE_SUFFIXES)
 
 
-def _issue(folder: Path, keys: Keys, role: str, days: int) -> tuple[Keys, Certificate]:
+def _issue(
+    folder: Path, keys: AuthorityKeys, role: str, days: int
+) -> tuple[AuthorityKeys, Certificate]:
     """Signs a certificate for a new key and puts it on the list."""
     own, key = _read(folder, AUTHORITY), _new_key()
     try:
@@ -191,7 +193,7 @@ def _issue(folder: Path, keys: Keys, role: str, days: int) -> tuple[Keys, Certif
     return keys, Certificate(authority=own.certificate, certificate=text, key=_pem(key))
 
 
-def _alternative(role: str, name: str, keys: Keys) -> x509.GeneralName:
+def _alternative(role: str, name: str, keys: AuthorityKeys) -> x509.GeneralName:
     host = host_of(keys.address) if role == ROUTER else f"{name}.internal"
     try:
         return x509.IPAddress(ipaddress.ip_address(host))
@@ -240,7 +242,7 @@ def _read(folder: Path, name: str) -> Certificate:
     return Certificate(authority=authority, certificate=certificate, key=key)
 
 
-def _save(folder: Path, keys: Keys) -> None:
+def _save(folder: Path, keys: AuthorityKeys) -> None:
     with atomic_write(folder / STATE) as new:
         _private_file(new).write_text(to_toml(keys), encoding="utf-8")
 

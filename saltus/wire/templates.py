@@ -67,7 +67,7 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Part:
+class TemplatePart:
     """Bytes from start to end: a hole, the time, or what all messages have in common."""
 
     start: int
@@ -114,7 +114,7 @@ class Template:
     ) -> None:
         self._kind, self._limits, data = type(sample), limits, encode(sample)
         parts = [
-            Part(start, end, is_time=True)
+            TemplatePart(start, end, is_time=True)
             for start, end in _differing(*(encode(replace(sample, time_ns=t)) for t in _TIMES))
         ]
         for hole in holes:
@@ -122,14 +122,14 @@ class Template:
             ends = _differing(
                 *(encode(replace(sample, **{hole.name: v})) for v in hole.unlike(value))
             )
-            parts += [Part(start, end, hole, np.shape(value)) for start, end in ends]
+            parts += [TemplatePart(start, end, hole, np.shape(value)) for start, end in ends]
         parts = _with_gaps(parts, len(data))
         self._fixed = dict(vars(sample))
         self._same = [data[p.start : p.end] for p in parts if p.hole is None and not p.is_time]
         self._plan_writing(parts)
         self._plan_reading(parts)
 
-    def _plan_writing(self, parts: list[Part]) -> None:
+    def _plan_writing(self, parts: list[TemplatePart]) -> None:
         self._holes = [p.hole for p in parts if p.hole is not None]
         self._values_of = attrgetter("time_ns", *(hole.name for hole in self._holes))
         self._writer = struct.Struct("<" + "".join(part.code for part in parts))
@@ -147,7 +147,7 @@ class Template:
         stamp = _STAMP.pack(*divmod(time_ns, _NANO))
         return self._writer.pack(*self._in_order([stamp, *items, *self._same]))
 
-    def _plan_reading(self, parts: list[Part]) -> None:
+    def _plan_reading(self, parts: list[TemplatePart]) -> None:
         codes = [f"{p.end - p.start}x" if p.is_view else p.code for p in parts]
         self._reader = struct.Struct("<" + "".join(codes))
         row = list(enumerate(p for p in parts if not p.is_view))
@@ -223,11 +223,11 @@ def _differing(one: bytes, other: bytes) -> list[tuple[int, int]]:
     return list(zip(edges[::2], edges[1::2], strict=True))
 
 
-def _with_gaps(parts: list[Part], length: int) -> list[Part]:
+def _with_gaps(parts: list[TemplatePart], length: int) -> list[TemplatePart]:
     """All bytes in order: these parts, and what lies between them."""
-    whole, last = list[Part](), 0
-    for part in [*sorted(parts, key=lambda part: part.start), Part(length, length)]:
-        whole += [Part(last, part.start)] if part.start > last else []
+    whole, last = list[TemplatePart](), 0
+    for part in [*sorted(parts, key=lambda part: part.start), TemplatePart(length, length)]:
+        whole += [TemplatePart(last, part.start)] if part.start > last else []
         whole += [part] if part.end > part.start else []
         last = part.end
     return whole

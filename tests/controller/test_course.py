@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from saltus.config import TerrainConfig
-from saltus.controller.course import AFTERMATH_LIMIT_S, STAND_S, STOP_AFTER_FINISH_M, Course
+from saltus.controller.course import AFTERMATH_LIMIT_S, STAND_S, STOP_AFTER_FINISH_M, CourseRun
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire.messages import ControllerMode
 
@@ -12,7 +12,7 @@ DT = 0.01
 
 
 def follow(position_x, mode, contact_after_s=np.inf, limit_s=20.0):
-    course = Course(TERRAIN, limit_s)
+    course = CourseRun(TERRAIN, limit_s)
     for step in range(1, 4000):
         t = step * DT
         state = course.step(
@@ -46,7 +46,7 @@ def test_a_finished_run_goes_on_past_the_finish_then_stands():
 
 
 def test_nothing_halts_before_the_finish():
-    course = Course(TERRAIN, 20.0)
+    course = CourseRun(TERRAIN, 20.0)
     for step in range(1, 500):
         state = course.step(
             step * DT, np.array([0.01 * step, 0.0, 0.27]), LEVEL, False, ControllerMode.RUN

@@ -11,7 +11,7 @@ from service_runs import DEGRADED, INVALID, OK, WARMING, Faulty, bad_tick, clean
 
 from saltus.errors import ModelError
 from saltus.heightmap.service import model_check
-from saltus.heightmap.service.sight import Tick
+from saltus.heightmap.service.sight import NetworkOutputs
 from saltus.wire.messages import HeightmapStatus
 
 
@@ -20,7 +20,9 @@ from saltus.wire.messages import HeightmapStatus
     [bad_tick(w, v) for w in ("height", "half_width_90", "hidden") for v in (np.nan, np.inf, -2.1)]
     + [bad_tick("height", 2.1)],
 )
-def test_a_bad_output_is_bridged_and_its_hidden_state_dropped(model_path: Path, bad: Tick) -> None:
+def test_a_bad_output_is_bridged_and_its_hidden_state_dropped(
+    model_path: Path, bad: NetworkOutputs
+) -> None:
     service = service_of(model_path)
     service._network = faulty = Faulty(service, {50: bad})  # type: ignore[assignment]
     answers = run(service, clean(60), 60)
@@ -47,7 +49,7 @@ def test_an_output_that_never_changes_is_told_after_a_second_if_the_input_change
     model_path: Path, moves: bool
 ) -> None:
     service = service_of(model_path)
-    frozen = Tick.of(np.full((1, 30), -0.27), np.full((1, 30), 0.02), np.zeros((1, 256)))
+    frozen = NetworkOutputs.of(np.full((1, 30), -0.27), np.full((1, 30), 0.02), np.zeros((1, 256)))
     service._network = Faulty(service, dict.fromkeys(range(50, 200), frozen))  # type: ignore[assignment]
     still = on_time(49)
     assert still is not None
@@ -64,7 +66,7 @@ def test_an_output_that_never_changes_is_told_after_a_second_if_the_input_change
 
 def test_the_same_output_in_fewer_ticks_than_a_second_is_no_fault(model_path: Path) -> None:
     service = service_of(model_path)
-    frozen = Tick.of(np.full((1, 30), -0.27), np.full((1, 30), 0.02), np.zeros((1, 256)))
+    frozen = NetworkOutputs.of(np.full((1, 30), -0.27), np.full((1, 30), 0.02), np.zeros((1, 256)))
     service._network = Faulty(service, dict.fromkeys(range(50, 151), frozen))  # type: ignore[assignment]
     assert {answer.status for answer in run(service, clean(200), 200)[20:]} == {OK}
 

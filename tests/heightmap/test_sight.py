@@ -17,7 +17,7 @@ from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.features import PROPRIOCEPTION, proprioception_of_states
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
-from saltus.heightmap.service.sight import Sight, Tick
+from saltus.heightmap.service.sight import NetworkOutputs, Sight
 from saltus.robots.legs import LegKinematics
 from saltus.states import RobotStates, standing_state, state_message
 from saltus.wire.messages import ControllerMode
@@ -79,7 +79,7 @@ class Fallible(HeightmapNetwork):
 
     wrong: Any = np.zeros(ROBOTS, np.bool_)
 
-    def tick(self, *inputs: Any) -> Tick:
+    def tick(self, *inputs: Any) -> NetworkOutputs:
         return nonsense(super().tick(*inputs), self.wrong)
 
 
@@ -90,11 +90,11 @@ class FallibleModel:
         self.hidden_size, self.points = model.hidden_size, model.points
         self._model, self.wrong = model, torch.zeros(ROBOTS, dtype=torch.bool)
 
-    def tick(self, *inputs: Any) -> Tick:
+    def tick(self, *inputs: Any) -> NetworkOutputs:
         return nonsense(self._model.tick(*inputs), self.wrong)
 
 
-def nonsense(tick: Tick, wrong: Any) -> Tick:
+def nonsense(tick: NetworkOutputs, wrong: Any) -> NetworkOutputs:
     for robot in np.flatnonzero(wrong):
         kind, value = NONSENSE[robot]
         getattr(tick, kind)[robot if len(tick.height) > 1 else 0] = value

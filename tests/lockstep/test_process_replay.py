@@ -17,7 +17,7 @@ from saltus.config import PlannerName, RunConfig, TerrainConfig
 from saltus.errors import RecordingError
 from saltus.loop.body import Body
 from saltus.plan import Plan, plan_of
-from saltus.recordings.answers import Comparison
+from saltus.recordings.answers import AnswerComparison
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import Recording, read_recording
 from saltus.runtime.programs import PROGRAMS
@@ -109,7 +109,7 @@ def test_a_changed_entry_is_told_with_its_place(recording: Recording, name: str)
         index = tuple(int(rng.integers(size)) for size in value.shape)
         value[index] += 1
         other = replace(message, **{field: value if value.shape else value.item()})
-        comparison = Comparison(recording, name)
+        comparison = AnswerComparison(recording, name)
         for answer in said:
             changed = answer.message is message
             comparison.take(key, other, codec.encode(other)) if changed else comparison.take(
@@ -152,7 +152,7 @@ def test_a_body_that_is_given_the_recorded_plans_goes_where_the_robot_went(
 
 def test_messages_that_one_side_lacks_are_counted(recording: Recording) -> None:
     said = [answer for answer in answers(recording, "policy") if answer.key == "policy/plan"]
-    comparison = Comparison(recording, "policy")
+    comparison = AnswerComparison(recording, "policy")
     for answer in (*said[:10], *said[12:]):
         comparison.take(*answer)
     late = replace(said[-1].message, time_ns=said[-1].message.time_ns + 1)

@@ -15,7 +15,7 @@ from saltus.grid import SCAN
 from saltus.model_file import ModelFile
 from saltus.policy.env.settings import LearningSettings
 from saltus.policy.joints.description import PolicyDescription
-from saltus.policy.joints.observation import Observer, Sensed, gravity_in_base
+from saltus.policy.joints.observation import ObservationMaker, WalkerReadings, gravity_in_base
 from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.training.learner import Learner
 from saltus.policy.training.train import Rank
@@ -23,7 +23,7 @@ from saltus.policy.walking.description import LAYOUT, SIZE, description_of, walk
 from saltus.policy.walking.env import PRIVILEGED, WalkEnv
 from saltus.policy.walking.evaluation import evaluate
 from saltus.policy.walking.export import DeployedWalk, make_actor
-from saltus.policy.walking.ground import MISSED_M, REACH_M, Ground, in_trench
+from saltus.policy.walking.ground import MISSED_M, REACH_M, CourseField, in_trench
 from saltus.policy.walking.scan_errors import ScanErrors
 from saltus.policy.walking.settings import (
     GroundSettings,
@@ -70,8 +70,8 @@ def test_the_vector_holds_its_parts_in_the_stated_order(dialect):
     described = description_of(WalkSettings(dialect=dialect), ROBOT)
     pose, rng = walking_pose(ROBOT, 0.7), np.random.default_rng(3)
     parts = {name: rng.normal(size=(5, size)) for name, size in LAYOUT.items()}
-    vector = both(lambda *given: Observer(described).vector(
-        Sensed(**dict(zip(parts, given, strict=True)))), *parts.values())  # fmt: skip
+    vector = both(lambda *given: ObservationMaker(described).vector(
+        WalkerReadings(**dict(zip(parts, given, strict=True)))), *parts.values())  # fmt: skip
     assert vector.shape == (5, SIZE)
     ends = np.cumsum(list(LAYOUT.values()))
     found = dict(zip(LAYOUT, np.split(vector, ends[:-1], axis=-1), strict=True))
@@ -129,8 +129,8 @@ def test_observations_are_what_the_engine_and_the_ground_say():
     rotation = rotation_matrix(qpos[:, 3:7])
     x, y = SCAN.points_in_world(before[:, :2], before[:, 3])  # heights are an image late
     ground = env.ground.table.solid.of_robot(env.memory.course).height_at(x, y)
-    expected = Observer(description_of(exact, ROBOT)).vector(
-        Sensed(
+    expected = ObservationMaker(description_of(exact, ROBOT)).vector(
+        WalkerReadings(
             angular_velocity=qvel[:, 3:6].float(),
             gravity=gravity_in_base(rotation),
             command=env.memory.command,
@@ -202,7 +202,7 @@ def test_a_way_as_commanded_leads_to_harder_ground_and_a_fall_to_easier():
 
 def test_the_nearest_boxes_are_the_ground_below_a_robot_and_nearly_all_that_the_scan_sees():
     config = GroundSettings(levels=2)
-    ground, rng = Ground(config, torch.zeros(1)), np.random.default_rng(5)
+    ground, rng = CourseField(config, torch.zeros(1)), np.random.default_rng(5)
     course = torch.as_tensor(rng.integers(0, len(ground.table.finish_x), 600))
     place = torch.as_tensor(rng.uniform(-0.8, 0.8, (600, 2)), dtype=torch.float32)
     place[:, 0] = ground.table.finish_x[course] * torch.as_tensor(rng.uniform(size=600)).float()

@@ -10,7 +10,7 @@ from saltus.arrays import Floats
 from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, Intrinsics
 from saltus.render.camera import RobotCamera, camera_pose, ray_directions
-from saltus.render.course import Course
+from saltus.render.course import SeenColumns
 from saltus.render.embree import EmbreeRenderer
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.curriculum import make_terrain
@@ -45,7 +45,7 @@ def test_it_is_what_rays_say(
     terrain = make_terrain(TerrainConfig(terrain=kind, difficulty=difficulty, layout_seed=seed))
     renderer = EmbreeRenderer(terrain, RobotCamera.on(ROBOT, camera, legs=False))
     assert terrain.columns is not None
-    course = Course(terrain.columns, camera)
+    course = SeenColumns(terrain.columns, camera)
     origin, rotation = views(terrain, seed, UPRIGHT if upright else ANY)
     sees = course.sees(origin, rotation)
     assert sees.mean() > (0.6 if upright else 0.0)
@@ -66,7 +66,7 @@ def test_it_ends_on_the_ground_and_the_way_there_is_free(
 ) -> None:
     terrain = make_terrain(TerrainConfig(terrain=kind, difficulty=difficulty, layout_seed=seed))
     assert terrain.columns is not None
-    columns, course = terrain.columns, Course(terrain.columns, MODEL_CAMERA)
+    columns, course = terrain.columns, SeenColumns(terrain.columns, MODEL_CAMERA)
     origin, rotation = views(terrain, seed, UPRIGHT)
     seen = course.sees(origin, rotation)
     origin, rotation = origin[seen], rotation[seen]
@@ -88,7 +88,7 @@ def test_it_ends_on_the_ground_and_the_way_there_is_free(
 def test_a_camera_within_the_ground_beside_it_or_upside_down_gets_rays() -> None:
     terrain = make_terrain(TerrainConfig(terrain="stairs"))
     assert terrain.columns is not None
-    course = Course(terrain.columns, MODEL_CAMERA)
+    course = SeenColumns(terrain.columns, MODEL_CAMERA)
     level = camera_pose(RobotCamera.on(ROBOT).mount, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))[1]
     top = float(terrain.height_at(np.asarray(3.0), np.asarray(0.0)))
     end = float(terrain.columns.x[-1])

@@ -104,7 +104,7 @@ def test_the_loop_gets_the_processor_beside_a_busy_program() -> None:
 
 SLICES = """
 import ctypes, platform, struct, threading
-from saltus.tuning import prefer_process, preferred
+from saltus.tuning import prefer_process, prefer_this_thread
 
 def tell():
     attributes = ctypes.create_string_buffer(48)
@@ -113,7 +113,7 @@ def tell():
     print(struct.unpack("<IIQiIQQQ", attributes)[5])
 
 tell()
-with preferred():
+with prefer_this_thread():
     tell()
 tell()
 prefer_process("render")

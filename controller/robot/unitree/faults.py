@@ -51,7 +51,7 @@ _TEXT = re.compile(r"(?P<kind>\w+)(:(?P<joint>\w+))?(@(?P<start>[\d.]+))?")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fault:
+class PlantedFault:
     """One fault, from some time on."""
 
     kind: str
@@ -91,7 +91,7 @@ class Faults:
         seed: Seed of which states are lost.
     """
 
-    def __init__(self, faults: Sequence[Fault], seed: int = 0) -> None:
+    def __init__(self, faults: Sequence[PlantedFault], seed: int = 0) -> None:
         self._faults = tuple(faults)
         self._draws = np.random.default_rng(seed)
         self._waiting: deque[bytes | None] = deque([None] * LATE_TICKS)

@@ -91,7 +91,7 @@ Message = NDArray[np.void]
 """Messages of one layout, shape (...)."""
 
 
-class Layout:
+class MessageLayout:
     """A message type as a C struct and as CDR.
 
     Args:
@@ -189,5 +189,5 @@ def _bytes_of(kind: tuple[str, Any], start: int, end: list[int]) -> Iterator[tup
             yield from _bytes_of(each, start + struct.fields[name][1], end)  # type: ignore[index]
 
 
-LOW_COMMAND = Layout("unitree_go/msg/LowCmd")
-LOW_STATE = Layout("unitree_go/msg/LowState")
+LOW_COMMAND = MessageLayout("unitree_go/msg/LowCmd")
+LOW_STATE = MessageLayout("unitree_go/msg/LowState")

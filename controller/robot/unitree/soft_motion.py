@@ -37,7 +37,7 @@ FOLLOWS_RAD = 0.15
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Motion:
+class SoftMotion:
     """A motion as it was told and answered, n ticks of 2 ms."""
 
     time_s: Floats
@@ -58,7 +58,7 @@ class Motion:
     """Why the robot was damped; empty if it was not."""
 
 
-def move(robot: UnitreeRobot, kind: Robot, wait: Callable[[], float]) -> Motion:
+def move(robot: UnitreeRobot, kind: Robot, wait: Callable[[], float]) -> SoftMotion:
     """Brings the legs to `POSE`, swings them, and leaves them damped; `wait` as of `listen`.
 
     Raises:
@@ -82,14 +82,14 @@ def move(robot: UnitreeRobot, kind: Robot, wait: Callable[[], float]) -> Motion:
             off |= robot.message["motor_state"]["mode"][:MOTORS] != SERVO
         rows.append((now_s, target, measured.joint_position, reading.joint_torque, pulse))
     times, told, position, torque, pulses = (np.array(column) for column in zip(*rows, strict=True))
-    return Motion(
+    return SoftMotion(
         time_s=times, told=told, position=position, torque=torque, pulse=pulses,
         on=not off.any(), off=tuple(np.array(JOINTS)[off]), quaternion=quaternion,
         fault=robot.fault,
     )  # fmt: skip
 
 
-def motion_checks(motion: Motion, kind: Robot) -> list[Check]:
+def motion_checks(motion: SoftMotion, kind: Robot) -> list[Check]:
     """Judges a motion, by the worst joint in each check.
 
     It was whole; the motors said that they were on; joints followed; torques held the weight, with
@@ -162,7 +162,7 @@ def _gravity(held: Floats, weight: Floats) -> Check:
     )  # fmt: skip
 
 
-def _answers(motion: Motion) -> Check:
+def _answers(motion: SoftMotion) -> Check:
     """Time from an edge of the square wave to the first state that tells half of it,
     the usual of all edges.
     """
@@ -182,7 +182,7 @@ def _answers(motion: Motion) -> Check:
     )  # fmt: skip
 
 
-def _answer_s(motion: Motion, hips: Floats, edge: int) -> float | None:
+def _answer_s(motion: SoftMotion, hips: Floats, edge: int) -> float | None:
     step = motion.pulse[edge] - motion.pulse[edge - 1]
     later = hips[edge + 1 : edge + ticks_of(ANSWERS_S)] - hips[edge]
     answered = np.flatnonzero(later * np.sign(step) > 0.5 * abs(step))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.controller.robot.unitree.messages import ENCAPSULATION, Layout
+from saltus.controller.robot.unitree.messages import ENCAPSULATION, MessageLayout
 from saltus.recordings import ros_messages as ros
 from saltus.sim.state import PlantState
 from saltus.terrain.terrain import Terrain
@@ -23,7 +23,7 @@ ros.add_types({
     NAME: f"uint32 tick\nuint32 contacts\nuint8[{FINGERPRINT}] terrain\n"
     + "".join(f"float64[{size}] {name}\n" for name, size in SHAPES.items())
 })  # fmt: skip
-TRUTH = Layout(NAME)
+TRUTH = MessageLayout(NAME)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

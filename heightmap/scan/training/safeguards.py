@@ -18,7 +18,7 @@ NORM_SHARE = 0.02
 """Share of an update's norms in the usual ones."""
 
 
-class Limits:
+class GradientLimits:
     """Limits of the gradients of a network's weights;
     they work in place, as a recorded update asks.
     """

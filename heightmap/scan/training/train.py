@@ -30,7 +30,7 @@ from saltus.heightmap.scan.training.flights import (
 )
 from saltus.heightmap.scan.training.graph import Graph
 from saltus.heightmap.scan.training.model import ScanModel, loss
-from saltus.heightmap.scan.training.safeguards import Limits
+from saltus.heightmap.scan.training.safeguards import GradientLimits
 from saltus.heightmap.scan.training.settings import ScanTrainSettings
 
 GROUPS = 4
@@ -72,7 +72,7 @@ class Trainer:
             ],
             weight_decay=settings.weight_decay, fused=on_gpu, capturable=on_gpu,
         )  # fmt: skip
-        self._limits = Limits(self.model)
+        self._limits = GradientLimits(self.model)
         self.rounds, self.seconds = 0, 0.0
         self._draws = Draws(settings.seed, device)
         with torch.no_grad():

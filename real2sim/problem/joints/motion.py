@@ -13,7 +13,7 @@ from saltus.arrays import Floats, Indices
 from saltus.effects.effect import map_arrays
 from saltus.errors import ModelError, RecordingError
 from saltus.real2sim.problem.joints.mechanics import Sway
-from saltus.real2sim.problem.joints.replay import Motion, Windows
+from saltus.real2sim.problem.joints.replay import LoggedMotion, Windows
 from saltus.recordings.run_log import RunLog
 from saltus.sim.held_robot import HeldRobot, LinearLegs
 
@@ -118,7 +118,9 @@ def uniform_rows(log: RunLog) -> Rows:
     )
 
 
-def motions_of(rows: Rows, robot: HeldRobot, kp: Floats, kd: Floats) -> tuple[Motion, Motion]:
+def motions_of(
+    rows: Rows, robot: HeldRobot, kp: Floats, kd: Floats
+) -> tuple[LoggedMotion, LoggedMotion]:
     """The motion of a log for a replay, and the same motion with instants twice as close.
 
     The gains `kp` [Nm/rad] and `kd` [Nm s/rad] have the shape (joints,).
@@ -136,7 +138,7 @@ def _motion(
     legs: LinearLegs,
     sway: Sway | None,
     every: int,
-) -> Motion:
+) -> LoggedMotion:
     (kp, kd), branches = gains, robot.branches
     mass, offset, stiffness, damping = (
         _halfway(values, rows.stretches, every)
@@ -148,7 +150,7 @@ def _motion(
     damping = damping + 0.5 * dt * stiffness
     law = kp * rows.q_des + kd * rows.dq_des
     elapsed = (rows.time_s - rows.time_s[0]) / (rows.time_s[-1] - rows.time_s[0])
-    return Motion(
+    return LoggedMotion(
         dt_s=dt,
         every=every,
         law=np.repeat(law[:, branches], every, axis=0),

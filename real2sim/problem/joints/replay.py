@@ -28,7 +28,7 @@ _NONE = np.zeros(())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Motion:
+class LoggedMotion:
     """Commands of a log and the equation of motion near its motion, on a uniform grid of instants.
 
     The drives compute their torque at these instants.
@@ -84,7 +84,7 @@ class Windows:
 SIGNALS = ("q", "dq", "tau_est")
 
 
-def replay(motion: Motion, windows: Windows, drives: Drives, averaged: int) -> Floats:
+def replay(motion: LoggedMotion, windows: Windows, drives: Drives, averaged: int) -> Floats:
     """Simulates every window with every set of effects;
     `averaged` rows, by which windows divide, make a sample.
 
@@ -139,7 +139,7 @@ class _FastLoop:
 class _Simulation:
     """The state of all windows and sets."""
 
-    def __init__(self, motion: Motion, windows: Windows, drives: Drives) -> None:
+    def __init__(self, motion: LoggedMotion, windows: Windows, drives: Drives) -> None:
         self._motion, self._windows, self._drives = motion, windows, drives
         shape = (*windows.position.shape, drives.count)
         joints = shape[2]

@@ -14,8 +14,8 @@ from saltus.controller.robot.unitree.messages import (
     DEFINITIONS,
     LOW_COMMAND,
     LOW_STATE,
-    Layout,
     Message,
+    MessageLayout,
     checksum,
     is_intact,
 )
@@ -30,7 +30,7 @@ SIZES = {LOW_COMMAND.type_name: 812, LOW_STATE.type_name: 1180}
 LAYOUTS = pytest.mark.parametrize("layout", [LOW_COMMAND, LOW_STATE], ids=["command", "state"])
 
 
-def random_messages(layout: Layout, count: int, seed: int, limit: int = 256) -> Message:
+def random_messages(layout: MessageLayout, count: int, seed: int, limit: int = 256) -> Message:
     """Messages of random bytes below `limit`."""
     rng = np.random.default_rng(seed)
     head = np.tile(np.array([0, 1, 0, 0], np.uint8), (count, 1))
@@ -52,14 +52,14 @@ def bitwise(messages: Message) -> np.ndarray:
 
 
 @LAYOUTS
-def test_checksums_equal_those_made_bit_by_bit(layout: Layout) -> None:
+def test_checksums_equal_those_made_bit_by_bit(layout: MessageLayout) -> None:
     messages = random_messages(layout, 10_000, seed=1)
     found = [checksum(message) for message in messages]
     np.testing.assert_array_equal(found, bitwise(messages))
 
 
 @LAYOUTS
-def test_any_flipped_bit_shows(layout: Layout) -> None:
+def test_any_flipped_bit_shows(layout: MessageLayout) -> None:
     sealed = layout.sealed(layout.blank())
     assert is_intact(layout.read([sealed])[0])
     rng = np.random.default_rng(2)
@@ -70,7 +70,7 @@ def test_any_flipped_bit_shows(layout: Layout) -> None:
         assert not is_intact(layout.read([bytes(flipped)])[0])
 
 
-def random_places(layout: Layout) -> np.ndarray:
+def random_places(layout: MessageLayout) -> np.ndarray:
     """Bytes of a message that are not padding: those that differ where everything else differs."""
     zero, ones = (
         np.zeros((), layout.dtype),
@@ -81,7 +81,7 @@ def random_places(layout: Layout) -> np.ndarray:
 
 
 @LAYOUTS
-def test_messages_travel_as_another_serialiser_writes_them(layout: Layout) -> None:
+def test_messages_travel_as_another_serialiser_writes_them(layout: MessageLayout) -> None:
     """Field by field, with every number: `rosbags` knows nothing of C's layout."""
     store = get_typestore(Stores.EMPTY)
     for name, text in DEFINITIONS.items():
@@ -97,12 +97,12 @@ def test_messages_travel_as_another_serialiser_writes_them(layout: Layout) -> No
 
 
 @LAYOUTS
-def test_structs_are_as_long_as_in_c(layout: Layout) -> None:
+def test_structs_are_as_long_as_in_c(layout: MessageLayout) -> None:
     assert layout.dtype.itemsize == SIZES[layout.type_name]
 
 
 @LAYOUTS
-def test_strange_bytes_are_refused(layout: Layout) -> None:
+def test_strange_bytes_are_refused(layout: MessageLayout) -> None:
     good = layout.sealed(layout.blank())
     for bad in (b"", good[:-1], good + b"\0", b"\0\0" + good[2:]):
         with pytest.raises(MessageError):

@@ -12,7 +12,7 @@ from saltus.controller.robot.unitree.drives import (
     reading_of,
     state_message,
 )
-from saltus.controller.robot.unitree.faults import AT_A_JOINT, KINDS, Fault
+from saltus.controller.robot.unitree.faults import AT_A_JOINT, KINDS, PlantedFault
 from saltus.controller.robot.unitree.messages import LOW_COMMAND, LOW_STATE, MOTORS, SERVO
 from saltus.controller.robot.unitree.robot import UnitreeRobot
 from saltus.controller.robot.unitree.states import StateWatch
@@ -204,10 +204,10 @@ def test_a_simulated_robot_obeys_intact_commands_only() -> None:
 
 def test_faults_are_named_with_joint_and_start() -> None:
     for kind in KINDS:
-        assert Fault.parse(f"{kind}@2.5") == Fault(kind=kind, start_s=2.5)
+        assert PlantedFault.parse(f"{kind}@2.5") == PlantedFault(kind=kind, start_s=2.5)
     for kind in AT_A_JOINT:
         for joint in JOINTS:
-            assert Fault.parse(f"{kind}:{joint}") == Fault(kind=kind, joint=joint)
+            assert PlantedFault.parse(f"{kind}:{joint}") == PlantedFault(kind=kind, joint=joint)
     for wrong in ("hott", "hot:knee", "crc:FR_calf", "hot@x", ""):
         with pytest.raises(ConfigError, match="fault"):
-            Fault.parse(wrong)
+            PlantedFault.parse(wrong)

@@ -25,7 +25,7 @@ from saltus.heightmap.scan.training.export import export
 from saltus.heightmap.scan.training.files import read_checkpoint
 from saltus.heightmap.scan.training.flights import draw_flight
 from saltus.heightmap.scan.training.model import ScanModel, loss, parameter_count
-from saltus.heightmap.scan.training.safeguards import Limits
+from saltus.heightmap.scan.training.safeguards import GradientLimits
 from saltus.heightmap.scan.training.settings import (
     FlightSettings,
     NetworkSettings,
@@ -79,7 +79,7 @@ def test_a_burst_moves_weights_by_no_more_than_usual(small, monkeypatch, size):
 
 def test_a_burst_in_one_layer_is_clipped_by_what_is_usual_of_that_layer(small):
     """Beside the head's gradient it would be small, and no limit of the whole would see it."""
-    limits = Limits((trainer := Trainer(small, CPU)).model)
+    limits = GradientLimits((trainer := Trainer(small, CPU)).model)
     inner = trainer.model.deep.weight
 
     def clipped(size):
