@@ -87,7 +87,9 @@ class BrakingState:
 
 
 class MovingBody(Protocol):
-    """How the body moves; `saltus.controller.signals.YawFrameBody` says so, and more."""
+    """Motion of the body: the part of `saltus.controller.signals.YawFrameBody` that braking
+    needs.
+    """
 
     @property
     def pitch(self) -> Scalars:
@@ -111,7 +113,7 @@ class LastTick(Protocol):
 
     @property
     def gait(self) -> GaitSignal:
-        """Its schedule."""
+        """Schedule of the gait."""
 
 
 class Braking:

@@ -79,7 +79,8 @@ def compensation_of(profile: Profile, robot: Robot) -> Compensation | None:
 
 
 def compensation_for(known: str | None, robot: Robot) -> Compensation | None:
-    """The same of a profile by its name or path; None where none is named.
+    """Compensation for the profile with a name or path (`compensation_of`), which is read;
+    None where none is named.
 
     The errors of `load_profile`, too.
     """

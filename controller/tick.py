@@ -129,7 +129,7 @@ class Tick:
 
 
 class CompiledTick(Tick):
-    """The same for one robot, on floats.
+    """Laws of a tick for one robot, compiled to Python on floats.
 
     Numpy does what they cannot: changes of mode, and numbers that are none.
     """

@@ -98,7 +98,7 @@ class Quadrics:
         )
 
     def take(self, index: NDArray[np.int64]) -> "Quadrics":
-        """Those of some of the capsules, in any order, for arrays of shape (n,)."""
+        """Quadrics of some of the capsules, by their indices, for arrays of shape (n,)."""
         return Quadrics(
             **{name: np.take(value, index, axis=-1) for name, value in vars(self).items()}
         )

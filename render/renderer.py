@@ -43,7 +43,8 @@ class Renderer(ABC):
     def render_batch(
         self, base_position: Floats, base_quaternion: Floats, joint_position: Floats
     ) -> NDArray[np.float32]:
-        """The same for many poses: arrays of shape (n, ...), images of shape (n, height, width).
+        """Depth from many poses, as `render`: arrays of shape (n, ...), images of shape
+        (n, height, width).
 
         Raises:
             SaltusError: a pose is not finite or has another shape.
@@ -70,7 +71,7 @@ class StereoRenderer(Renderer):
     def render_pair(
         self, base_position: Floats, base_quaternion: Floats, joint_position: Floats
     ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """One pair.
+        """Depth from the left imager, and pixels that the right one does not see, of one pose.
 
         Arguments as `Renderer.render`, results as `render_pair_batch` without its first dimension.
         """

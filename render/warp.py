@@ -167,7 +167,7 @@ class WarpCaster:
 
 
 def as_tensor(array: warp.array) -> Array:
-    """The same memory as a torch tensor."""
+    """A torch tensor on the memory of a Warp array."""
     return warp.to_torch(array)
 
 

@@ -134,13 +134,13 @@ class RunConfig:
 
     @property
     def plan_topics(self) -> tuple[str, ...]:
-        """Those of `PLAN_TOPICS` on which the planner of this run answers."""
+        """Topics on which the planner of this run publishes its plans, out of `PLAN_TOPICS`."""
         return PLAN_TOPICS if self.planner == "walking" else PLAN_TOPICS[:1]
 
     @property
     def link_speed(self) -> float:
-        """By this the 0.5 s after which a silent link is given up are
-        divided (`saltus.wire.joining`, its `speed`).
+        """Divisor of the 0.5 s after which a silent link is given up
+        (`saltus.wire.joining`, its `speed`).
 
         In real time the clock's own; in lockstep, where nobody is late however slow,
         `LOCKSTEP_LINK_SPEED`.
@@ -272,7 +272,9 @@ def load_changes(config: Config, path: Path) -> Config:
 
 
 def changed(config: Config, table: Mapping[str, object], where: str = "") -> Config:
-    """The same with the entries of a table; same errors as `from_toml`."""
+    """A copy of a configuration with the entries of a table changed;
+    raises what `from_toml` raises.
+    """
     return from_table(type(config), _merged(_plain(config), table), where)
 
 

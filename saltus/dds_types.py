@@ -32,8 +32,8 @@ def type_of(type_name: str) -> Any:
 
 @cache
 def raw_type_of(type_name: str) -> Any:
-    """The same, of samples that are bytes: what is sent is not made,
-    and what comes not read, field by field.
+    """The type as Cyclone knows it, for samples that are whole payloads (bytes):
+    Cyclone neither makes nor reads their fields.
     """
     kind = type_of(type_name)
 

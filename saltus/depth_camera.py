@@ -116,7 +116,7 @@ class DepthCamera(Value):
 
     @property
     def matching(self) -> Intrinsics:
-        """In which pixels the imagers match."""
+        """Pixels in which the imagers match: those of the sensor, or else of the image."""
         return self.sensor or self.image
 
     @property
@@ -161,7 +161,7 @@ class DepthCamera(Value):
         return bool(self.taken_by(step) > self.taken_by(step - 1))
 
     def exposures(self, steps: int) -> NDArray[np.int32]:
-        """Those of the first steps at which it takes an image, ascending."""
+        """Steps of 10 ms, of the first `steps` ones, at which it takes an image, ascending."""
         taken = self.taken_by(np.arange(-1, steps))
         return np.flatnonzero(np.diff(taken)).astype(np.int32)
 

@@ -73,7 +73,7 @@ class ModelFile:
             ) from error
 
     def field(self, name: str) -> Any:
-        """One of its metadata, which are JSON; `ModelError` where it is missing."""
+        """An entry of the file's metadata, which are JSON; `ModelError` where it is missing."""
         if name not in self.metadata:
             raise ModelError(
                 f"model {self.path} does not fit: '{name}' is missing from its metadata"

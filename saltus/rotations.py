@@ -51,7 +51,7 @@ def roll_pitch_yaw(rotation: Rotations) -> tuple[Scalars, Scalars, Scalars]:
 def angles_of_axes(
     forward: tuple[Scalars, Scalars], up: tuple[Scalars, Scalars, Scalars]
 ) -> tuple[Scalars, Scalars, Scalars]:
-    """The same from those components of R that they depend on, arrays or floats.
+    """Roll, pitch and yaw [rad] by the components of R on which they depend, arrays or floats.
 
     `forward` is x and y in the world of the base's x axis, `up` x, y, z in the base of the world's
     z axis.

@@ -83,7 +83,7 @@ class _Reader:
         self._read: list[tuple[str, tuple[int, ...], list[Symbol]]] = []
 
     def read(self, example: object, path: str) -> object:
-        """The same with symbols for arrays."""
+        """A copy of an example whose arrays and floats are symbols; `path` is where it is found."""
         if isinstance(example, np.ndarray | float):
             shape = np.shape(example)
             stem = path.translate({ord("."): "_", ord("["): "_", ord("]"): None})

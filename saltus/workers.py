@@ -24,9 +24,9 @@ _listener: list[Listener] = []
 
 
 def tell(amount: float) -> None:
-    """From within a task: tells whoever waits for it how much further it is.
+    """Tells whoever waits for the task that calls this how much further it is.
 
-    Nobody where nobody listens.
+    Does nothing where nobody listens.
     """
     for listener in _listener:
         listener(amount)
@@ -87,9 +87,7 @@ def in_order(
 
 
 def check_processes(processes: int | None) -> None:
-    """To be called before the work; `ConfigError` for not even one,
-    or more than any computer has use for.
-    """
+    """Raises `ConfigError` for a number of processes that is not from 1 to `MOST_PROCESSES`."""
     if processes is not None and not 1 <= processes <= MOST_PROCESSES:
         raise ConfigError(f"processes = {processes}: it must be from 1 to {MOST_PROCESSES}")
 

@@ -47,7 +47,7 @@ from saltus.workers import tell
 def closed_loop_episodes(
     loop: ClosedLoop, model: Path | None, key: Sequence[int], profile: str = SHIPPED
 ) -> list[Episode]:
-    """One batch.
+    """Runs one batch of robots and returns their episodes.
 
     It follows from its key (seed, round, number), predictor and profile alone, wherever it is run.
 

@@ -198,8 +198,8 @@ def uninterrupted() -> Iterator[None]:
 
 
 def motion(seed: int, config: dict[str, object]) -> str:
-    """The same for shards whose robots move alike,
-    however many there are of them and whatever camera looked on.
+    """Text that two shards share if their robots move alike,
+    however many there are and whatever camera looked on.
     """
     settings = {name: value for name, value in config.items() if name not in _NOT_OF_MOTION}
     return json.dumps([seed, settings], sort_keys=True)
@@ -273,7 +273,7 @@ def read_manifest(directory: Path) -> list[ShardRecord]:
 
 
 def read_records(directory: Path) -> list[ShardRecord]:
-    """The same of a dataset that must be there and have shards, else `DatasetError`."""
+    """Records of a dataset's shards; `DatasetError` where it is missing, damaged or empty."""
     records = read_manifest(directory)
     if not records:
         raise DatasetError(f"{directory} holds no dataset: '{MANIFEST}' is missing or empty")

@@ -73,7 +73,9 @@ class _Points:
 
 
 class GeometricHeightmap:
-    """Same `step` as `saltus.heightmap.service.service.HeightmapService`.
+    """Heights by deprojecting images with the robot's odometry, without a network.
+
+    `step` is as that of `saltus.heightmap.service.service.HeightmapService`.
 
     A frame counts for `memory_s`, where `images` is given only as one of the newest so many;
     `foot_gain` is the share of the mean distance between standing feet and map that one tick

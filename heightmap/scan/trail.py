@@ -42,7 +42,7 @@ class Waypoint(NamedTuple):
     """[rad], shape (12,)."""
 
     def moved(self, seconds: float) -> "Waypoint":
-        """The same so much later, or earlier, as its velocities have it."""
+        """Where the robot is so much later, or earlier, if it keeps its velocities."""
         angle = self.turn * seconds
         return self._replace(
             position=self.position + self.velocity * seconds,
@@ -51,7 +51,7 @@ class Waypoint(NamedTuple):
 
     @property
     def pose(self) -> Pose:
-        """For the map: single precision, of one robot."""
+        """Pose as the map takes it: single precision, a batch of one robot."""
         return Pose(self.position[None].astype(np.float32), self.rotation[None].astype(np.float32))
 
 

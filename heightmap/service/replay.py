@@ -115,7 +115,7 @@ def replay_predictor(
     states: Iterable[RobotState],
     arrival_ns: Iterable[int],
 ) -> list[Heightmap]:
-    """The same for any predictor, which has not been used before.
+    """Heightmaps of any predictor, not used before, for recorded images and states.
 
     No frame is held longer than it takes to answer it.
     """

@@ -76,8 +76,8 @@ def train(
     start: Path | None = None,
     shown: Callable[[Episode], Episode] = lambda episode: episode,
 ) -> HeightmapModel:
-    """Trains on a dataset until `config.updates`,
-    going on from `checkpoint` where it is from the same training.
+    """Trains on a dataset until `config.updates`, then calibrates the intervals on held-out
+    episodes; goes on from `checkpoint`, which it writes, where that is from the same training.
 
     Args:
         data: Directory of the dataset.

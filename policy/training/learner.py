@@ -198,13 +198,15 @@ class JumpLearner(Learner):
         super().__init__(env, config, actor, distributed)
 
     def load(self, path: Path) -> dict[str, Any]:
-        """The same from a file that was saved with any bounds."""
+        """Goes on from a checkpoint, as `Learner.load`; its actions may have had other bounds."""
         state = super().load(path)
         self._rebase(state)
         return state
 
     def begin_with(self, file: ModelFile, levels: int) -> None:
-        """The same from a file that was exported with any bounds."""
+        """Begins with a policy's file, as `Learner.begin_with`; its actions may have had other
+        bounds.
+        """
         super().begin_with(file, levels)
         self._rebase({"config": file.field("config")})
 

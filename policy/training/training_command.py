@@ -72,7 +72,8 @@ class TrainingCommand(ABC):
         return replace(usual, learning=replace(usual.learning, **STARTED)) if self.start else usual
 
     def defaults(self) -> Self:
-        """The same command with what its flags go on from: `basis`, and --config.
+        """A copy of this command whose settings are those that its flags then change:
+        `basis`, and those of --config.
 
         Raises:
             SaltusError: a file cannot be used, or training is not installed.

@@ -45,7 +45,7 @@ class WalkScore:
     """Way along the command by the way that was commanded."""
 
     def line(self) -> str:
-        """For people."""
+        """Line of text with the figures of a ground and level."""
         return (
             f"{self.ground}, level {self.level}: {self.falls} falls in {self.walked_s:.0f} s "
             f"({self.falls} of {self.episodes} episodes), errors {self.ahead_mps:.3f} m/s ahead, "

@@ -38,7 +38,7 @@ class TruthRow:
 
     @property
     def name(self) -> str:
-        """For a figure."""
+        """Name of the row in a figure: effect, parameter and place."""
         return (
             f"{self.effect} "
             f"{self.parameter}{'' if self.where in ('all', '') else f' ({self.where})'}"

@@ -75,7 +75,7 @@ class Coordinates:
 
     @classmethod
     def less(cls, name: str, claimed: float) -> "Coordinates":
-        """One unknown: the parameter less the value that a log claims."""
+        """Coordinates with one unknown: the parameter less the value that a log claims."""
         return cls(
             parameters=lambda x: {name: claimed + float(x[0])},
             unknowns=lambda values: (values[name] - claimed,),
@@ -297,7 +297,8 @@ class Problem(ABC):
         return ()
 
     def leaner(self) -> "dict[str, Problem]":
-        """By each effect of a profile that the simulator starts with, the problem without it.
+        """Problems that each lack one effect of the profile with which the simulator starts, by its
+        name.
 
         The unknowns stay.
         """

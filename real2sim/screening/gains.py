@@ -91,7 +91,10 @@ ever."""
 
 
 def gain_faults(log: RunLog) -> Iterator[Fault]:
-    """Faults of kp, kd and of the signs of torques, from `tau_est`; none without it."""
+    """Faults of kp, kd and of the signs of torques, from `tau_est`.
+
+    Yields none if the log lacks `tau_est`, or commands or claimed gains (`untold`).
+    """
     if log.joints.tau_est is None or untold(log):
         return
     names, drives = log.meta["joints"], _regressions(log, log.joints.tau_est)

@@ -188,7 +188,9 @@ class Cells:
         return np.maximum(0.0, self.beyond_noise(residuals))
 
     def beyond_noise(self, residuals: Floats) -> Floats:
-        """As `structure`, but for noise about 0 and not at least: for sums over many cells."""
+        """Mean square in each cell beyond noise, as `structure`, but it may be below 0:
+        noise alone then sums to about 0 over many cells.
+        """
         return np.minimum(*self._beyond_noise(residuals))
 
     def together(self, residuals: Floats) -> float:

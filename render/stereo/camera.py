@@ -74,7 +74,7 @@ class StereoConfig:
         return tuple(getattr(self, f.name) for f in fields(self))
 
     def only(self, names: Sequence[str]) -> "StereoConfig":
-        """The same camera with none but the named effects."""
+        """A copy of the camera in which all effects but the named ones do nothing."""
         nulls: dict[str, Any] = {e.name: type(e)() for e in self.effects if e.name not in names}
         return replace(self, **nulls)
 

@@ -255,7 +255,7 @@ class Dagger(WorkersOption, SettingsCommand):
         return 0
 
     def last(self) -> DaggerSettings | None:
-        """Those of the run that goes on."""
+        """Settings of the run in `out`, which goes on; None if there is none."""
         if not (self.out / "dagger.json").exists():
             return None
         with packages_of("train"):

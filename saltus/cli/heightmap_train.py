@@ -44,7 +44,9 @@ class SettingsCommand:
         return usual()
 
     def defaults(self) -> Self:
-        """The same command with the settings that its flags change."""
+        """A copy of this command whose settings are those that its flags then change:
+        of the run that goes on or the usual ones, and those of the file `config`.
+        """
         before = self.last() or self.usual()
         return replace(self, settings=load_changes(before, self.config) if self.config else before)
 
@@ -86,7 +88,7 @@ class Train(SettingsCommand):
     )
 
     def last(self) -> PredictorTraining | None:
-        """Those of the training that goes on."""
+        """Settings of the training in `out`, which goes on; None if there is none."""
         if not (self.out / CHECKPOINT).exists():
             return None
         with packages_of("train"):

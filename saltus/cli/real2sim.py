@@ -54,7 +54,7 @@ class Cycle(JsonOption, SettingsCommand):
     """Such a folder with the models that were trained there."""
 
     def last(self) -> CycleSettings | None:
-        """Those of the cycle that goes on."""
+        """Settings of the cycle in `out`, which goes on; None if there is none."""
         from saltus.real2sim.cycle.folder import settings_of
 
         return settings_of(self.out)

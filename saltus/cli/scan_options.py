@@ -32,7 +32,7 @@ class ScanOptions:
 
     @property
     def scan_flags(self) -> list[str]:
-        """Those that were given, for the process."""
+        """Flags of the scan that were given, as arguments of the service's process."""
         given = {
             "--grid": self.grid,
             "--dialect": self.dialect,

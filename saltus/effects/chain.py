@@ -84,8 +84,8 @@ class Torques:
 
 @dataclass(frozen=True)
 class ImuChain(SignalChain):
-    """From the motion of the base to what its IMU reports, once a physics step:
-    it is wrong first, and then late.
+    """Effects between the motion of the base and the readings of its IMU,
+    once a physics step: errors first, then lateness.
     """
 
     order: ClassVar[Order] = (ImuBias, ImuLatency)

@@ -73,8 +73,8 @@ def applied(
 
 
 def chosen_of(robots: Array, new: State, old: State) -> State:
-    """For `robots`, bool, shape (...), the arrays of one state,
-    for the others those of another that is built alike.
+    """A state with the arrays of `new` for `robots`, bool, shape (...),
+    and those of `old`, which is built alike, for the others.
     """
 
     def choose(one: Array, other: Array) -> Array:

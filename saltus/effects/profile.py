@@ -115,7 +115,9 @@ class Profile(Value):
         return tomli_w.dumps(table)
 
     def having(self, *effects: Effect) -> "Profile":
-        """With these effects, each the last of its part, in the place of one of the same name."""
+        """A copy of the profile with further effects, each the last of its part;
+        one of the same name is replaced.
+        """
         profile = self
         for effect in effects:
             part = PARTS[effect.site]

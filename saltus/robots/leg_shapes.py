@@ -52,7 +52,7 @@ class LegShapes:
         self._anchor, self._offset = Constant(robot.hip_anchor), Constant(robot.abduction_offset)
 
     def capsules(self, joint_position: Joints) -> Capsules:
-        """In the base frame.
+        """Capsules of the legs, in the base frame.
 
         Args:
             joint_position: [rad], numpy or torch, shape (..., 12).

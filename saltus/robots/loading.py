@@ -37,7 +37,7 @@ def reference_robot() -> Robot:
 
 
 def derive_robot(name_or_path: str, supplement: Path | None = None) -> "Derivation":
-    """The same, with where each field comes from.
+    """Makes a robot of an MJCF, a folder or a shipped name, and says where each field comes from.
 
     A folder's robot.toml is its supplement where none is given.
     """

@@ -99,5 +99,5 @@ class Similarity:
         return np.array([10.0, 130.0]) * self.mass
 
     def camera_position(self, hip_x: float) -> Floats:
-        """In front of the trunk, a little above it [m], shape (3,)."""
+        """Place of a camera in front of the trunk, a little above it [m], shape (3,)."""
         return np.array([hip_x + HIP_TO_CAMERA * self.length, 0.0, CAMERA_Z * self.length])

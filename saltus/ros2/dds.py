@@ -24,7 +24,7 @@ DEPTH = 10  # the default of ROS
 
 
 class DdsNode:
-    """The same as `Ros2Node`, without a router.
+    """A ROS 2 node on DDS, with the methods of `Ros2Node`; it needs no router.
 
     Raises:
         StackError: no network interface can be used.
@@ -49,7 +49,7 @@ class DdsNode:
             reader.set_listener(None)
 
     def connected(self) -> bool:
-        """There is nothing between others and this."""
+        """True: there is no router between this node and others that might be missing."""
         return True
 
     def publisher(self, topic: str, type_name: str, type_hash: str) -> "DdsPublisher":

@@ -57,7 +57,7 @@ def read_config(run_dir: Path) -> RunConfig:
 
 
 def endpoint_of(run_dir: Path) -> str:
-    """With what a process joins the run's router;
+    """Path of the configuration with which a process joins the run's router;
     `StackError` where the folder does not name one.
     """
     read_client(run_dir / CLIENT_FILE)

@@ -33,7 +33,9 @@ class CpuEngine(MujocoBatch, Engine):
         return self._sensors > 0.0
 
     def crowded(self) -> Array:
-        """No robot, shape (count,): the engine makes room as it is needed."""
+        """Robots with more contacts than there is room for, bool, shape (count,):
+        none, as this engine makes room as needed.
+        """
         return np.zeros(self.count, dtype=np.bool_)
 
 

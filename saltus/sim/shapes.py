@@ -87,7 +87,9 @@ class RobotShapes:
 
     @cached_property
     def primitives(self) -> list[Primitive]:
-        """The same as boxes, balls and cylinders; a capsule is one cylinder and two balls."""
+        """Shapes of the robot that are drawn, as boxes, balls and cylinders;
+        a capsule is one cylinder and two balls.
+        """
         return [part for geom in self._seen for part in self._primitives_of(int(geom))]
 
     def turns(self, joint_position: ArrayLike) -> Floats:

@@ -67,7 +67,7 @@ class Box:
     def at(
         cls, center: Sequence[float], size: Sequence[float], pitch: float = 0.0, yaw: float = 0.0
     ) -> "Box":
-        """From its centre and full edge lengths [m], as run logs have them."""
+        """A box of its centre and full edge lengths [m], as run logs have them."""
         low, high = (
             tuple(c + side * s for c, s in zip(center, size, strict=True)) for side in (-0.5, 0.5)
         )
@@ -120,7 +120,7 @@ class Boxes:
 
     @classmethod
     def of(cls, boxes: Sequence[Box]) -> "Boxes":
-        """The same boxes as numpy arrays."""
+        """Boxes as numpy arrays, of a list of `Box`."""
         low, high = (
             np.array([getattr(box, side) for box in boxes]).reshape(-1, 3)
             for side in ("low", "high")
@@ -134,7 +134,7 @@ class Boxes:
 
     @classmethod
     def from_tables(cls, tables: Sequence[Mapping[str, object]]) -> "Boxes":
-        """From the boxes of a run log: `center` and full `size` [m],
+        """Boxes as numpy arrays, of those of a run log: `center` and full `size` [m],
         `pitch` and `yaw` [rad] where they are not 0.
         """
         center, size = (
@@ -198,15 +198,14 @@ class Boxes:
         return xp.stack([middle - reach, middle + reach])
 
     def of_robot(self, robot: int | Array) -> "Boxes":
-        """Those of one robot, without the leading dimension.
-
-        Or of many, by an array of whole numbers.
+        """Boxes of one robot of a batch, without the leading dimension;
+        of several, by an array of their indices.
         """
         turn = None if self.turn is None else self.turn[robot]
         return Boxes(center=self.center[robot], half_size=self.half_size[robot], turn=turn)
 
     def like(self, array: Array) -> "Boxes":
-        """The same boxes in the library, dtype and device of `array`."""
+        """A copy of the boxes in the library, dtype and device of `array`."""
         xp = namespace(array)
 
         def converted(value: Array | None) -> Array | None:

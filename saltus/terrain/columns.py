@@ -29,7 +29,7 @@ class Columns:
 
     @classmethod
     def of(cls, boxes: Sequence[Box]) -> "Columns | None":
-        """The same boxes; None where they are no columns."""
+        """Boxes as columns side by side along x; None where they are none."""
         first = boxes[0]
         is_wide = first.low[1] == -first.high[1] and all(
             box.is_level and box.low[1:] == first.low[1:] and box.high[1] == first.high[1]

@@ -25,7 +25,7 @@ MEDIUM = 0.5
 
 @dataclass(frozen=True)
 class OwnFamily:
-    """One of them; it is loaded when a terrain of it is made."""
+    """A family of terrains of another package, which is loaded when its first terrain is made."""
 
     entry: EntryPoint
 
@@ -51,5 +51,5 @@ class OwnFamily:
 
 
 def own_families() -> dict[str, OwnFamily]:
-    """Those that are installed here, by name."""
+    """Families of terrains of all packages that are installed here, by name."""
     return {entry.name: OwnFamily(entry) for entry in entry_points(group=GROUP)}

@@ -96,7 +96,7 @@ class CourseTable:
         return int(self.solid.center.shape[1])
 
     def like(self, array: Array) -> "CourseTable":
-        """The same in the library, dtype and device of `array`."""
+        """A copy of the table in the library, dtype and device of `array`."""
         xp = namespace(array)
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         for name in ("finish_x", "slope", "floor"):

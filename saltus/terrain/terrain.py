@@ -102,7 +102,7 @@ class Terrain(Value):
 
     @property
     def timed(self) -> str:
-        """From where that is, in words."""
+        """Words that say where the time of a trial starts to run (`timing_x`)."""
         return (
             f"from {TIMING_BEFORE_FIRST_EDGE:g} m before the first edge"
             if self.edges_x.size

@@ -52,7 +52,7 @@ class Server(viser.ViserServer):
         return f"http://{LOOPBACK}:{self.get_port()}/{self.token}/"
 
     def request_share_url(self, verbose: bool = True) -> None:
-        """No page may ask viser for a tunnel to the world."""
+        """Does nothing, in place of viser's: no page may ask for a tunnel to the world."""
 
 
 @contextlib.contextmanager

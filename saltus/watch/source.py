@@ -104,7 +104,7 @@ class Source:
 
     @property
     def name(self) -> str:
-        """By which it is told from others."""
+        """Name that tells this source from others: prefix of the robot, or file or folder."""
         return self.prefix or (
             self.path.parent.name if self.path.name == RECORDING_FILE else self.path.stem
         )

@@ -259,12 +259,12 @@ class Templates:
         self._by_length: dict[int, list[Template]] = {}
 
     def encode(self, message: Message) -> bytes:
-        """As the reference does."""
+        """Bytes of a message, the same as the codec's; raises what the codec raises."""
         template = self._template_of(message)
         return self._encode(message) if template is None else template.write(message)
 
     def decode(self, data: bytes) -> Any:
-        """As the reference does."""
+        """The message in some bytes, the same as the codec's; raises what the codec raises."""
         for template in self._by_length.get(len(data), ()):
             message = template.read(data)
             if message is not None:

@@ -96,7 +96,7 @@ def _least(left: Callable[..., Floats], which: int) -> float:
 
 
 def finer(ground: Solver) -> Sequence[Solver]:
-    """The same contacts, computed with half and with a quarter of the step."""
+    """Copies of a solver of contacts with half and with a quarter of its step."""
     return replace(ground, substeps=2 * ground.substeps), replace(
         ground, substeps=4 * ground.substeps
     )

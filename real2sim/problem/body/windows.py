@@ -157,8 +157,10 @@ def late_steps(now: Track, turning: Floats) -> int:
 
 
 def on_time(now: Track) -> Track:
-    """The same with the readings of a late gyroscope at the time at which they were measured; the
-    last one stands for those that had not come yet. How late it is, the IMU's own problem finds.
+    """A track whose readings of a late gyroscope stand at the time at which they were measured.
+
+    At its end the last reading stands for those that had not come yet. How late the gyroscope is,
+    the IMU's own problem finds.
     """
     late = late_steps(now, angular_velocity(now.states[:, 3:7]))
     if now.gyro is None or not late:

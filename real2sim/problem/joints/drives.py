@@ -103,7 +103,7 @@ class Drives:
         return np.asarray(sum(bent) / np.maximum(sum(level for level, *_ in both), LEAST_LEVEL))
 
     def twice_as_fine(self) -> "Drives":
-        """The same drives where instants are twice as close.
+        """A copy of the drives for instants that are twice as close.
 
         A loop at the coarser rate skips every second one.
         """

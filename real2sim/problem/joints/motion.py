@@ -202,7 +202,7 @@ def windows_of(rows: Rows, branches: Indices, every: int, averaged: int) -> Wind
 
 
 def twice_as_fine(windows: Windows) -> Windows:
-    """The same windows in instants that are twice as close."""
+    """A copy of windows counted in instants that are twice as close."""
     return replace(
         windows,
         start=2 * windows.start,
