@@ -13,7 +13,7 @@ from saltus.constants import PHYSICS_DT
 from saltus.controller.gait import GaitSignal, standing
 from saltus.controller.rising import RISE_S, rising
 from saltus.controller.robot.backend import Reading
-from saltus.controller.signals import Reference, reference_of
+from saltus.controller.signals import Reference
 from saltus.controller.tick import Acting, Tick
 from saltus.controller.tracking import Tracking
 from saltus.controller.watchdog import WatchdogInput, WatchdogState, watch
@@ -173,7 +173,8 @@ class ControlLoop:
         if turns:
             self._heading += message.yaw_rate * PHYSICS_DT
         if turns or self._plan is None or self._plan[0] is not message:
-            self._plan = (message, reference_of(plan_of(message), np.asarray(self._heading)))
+            reference = self._tick.reference(plan_of(message), np.asarray(self._heading))
+            self._plan = (message, reference)
         return self._plan[1]
 
     def _states(self) -> RobotStates:

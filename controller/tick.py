@@ -6,6 +6,7 @@ takes a fifth of the time. A test holds it to `Tick` over thousands of drawn rob
 (tests/controller/test_tick.py).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -19,7 +20,7 @@ from saltus.controller.law import LawState, LegController
 from saltus.controller.signals import Reference, reference_of
 from saltus.controller.stance import ExactSolver, StanceQP, StanceSolver
 from saltus.joint_command import JointCommand
-from saltus.plan import REST
+from saltus.plan import REST, Plan
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
@@ -88,6 +89,7 @@ class Tick:
         self.estimator = Estimator(robot)
         self.law = LegController(robot, compensation=compensation, solver=solver)
         self.braking = Braking(robot)
+        self.reference: Callable[[Plan, Scalars], Reference] = reference_of
 
     def sense(self, measured: Measurement, trusted: LegFlags, estimate: EstimatorState) -> Sensing:
         """Attitude and estimate.
@@ -144,6 +146,7 @@ class CompiledTick(Tick):
         states = states_of(measured, estimate, legs)
         ground = self.braking.init(LegKinematics(robot).position(pose))
         reference = reference_of(REST, np.zeros(()))
+        self.reference = straight_line(reference_of, REST, np.zeros(()))
         self._sense = straight_line(laws.sense, measured, legs.trusted, estimate)
         self._act = {
             mode: straight_line(laws.act, reference, states, replace(law, mode=mode), ground, mode)

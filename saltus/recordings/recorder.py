@@ -37,6 +37,7 @@ from saltus.recordings.ros_messages import definition_of
 from saltus.recordings.viewer import Viewer
 from saltus.setup import Setup
 from saltus.used_networks import models_of
+from saltus.wire import codec
 from saltus.wire.bus import RawSample, Stream, topic_of, unpack
 from saltus.wire.codec import Envelope
 from saltus.wire.messages import GroundTruth, Message, RobotState
@@ -79,6 +80,8 @@ class Recorder:
         self._channels: dict[tuple[str, bytes], int] = {}
         self._said: dict[tuple[str, bytes], _Said] = {}
         self._viewer = Viewer(setup.robot, setup.terrain)
+        for kind in TYPE_NAME:
+            codec.prepare(kind)
         self._begun = False
         self._flushed_s = time.monotonic()
         about = describe(run_config, setup)

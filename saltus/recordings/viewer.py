@@ -152,6 +152,8 @@ class Viewer:
         self._plan: MotionPlan | None = None
         self._heightmap: Heightmap | None = None
         self._errors: Floats | None = None
+        for type_name, _ in TOPICS.values():
+            ros.prepare(type_name)
 
     def first(self) -> Iterator[ViewerMessage]:
         """Channels of what stands still: robot and terrain."""

@@ -67,8 +67,10 @@ class Ticker:
             self._deadline_ns += self.period_ns
         missed = max(0, (now - self._deadline_ns) // self.period_ns - (self.catch_up - 1))
         self._deadline_ns += missed * self.period_ns
-        while (left_ns := self._deadline_ns - self._clock.elapsed_ns()) > 0:
+        left_ns = self._deadline_ns - now
+        while left_ns > 0:
             time.sleep(self._clock.machine_s(1e-9 * left_ns))
+            left_ns = self._deadline_ns - self._clock.elapsed_ns()
         self.ticks += 1
         self.overruns += missed
         return missed

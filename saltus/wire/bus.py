@@ -13,6 +13,7 @@ from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Protocol, TypeVar
 
 from saltus.errors import MessageError, nearest_hint
@@ -290,6 +291,7 @@ class Bus(ABC):
         self.close()
 
     def _latest(self, topic: str, slot: Slot) -> Latest:
+        codec.prepare(TOPICS[topic].message)
         self.latests.append(Latest(TOPICS[topic], slot, self.rejected))
         return self.latests[-1]
 
@@ -299,6 +301,7 @@ class Bus(ABC):
         return "/".join(part for part in (self.prefix, topic, suffix) if part)
 
 
+@lru_cache(maxsize=256)
 def topic_of(key: str) -> Topic | None:
     """The topic of a key below the prefix: "done" of "done/render"; None where there is none."""
     return TOPICS.get(key) or TOPICS.get(key.rpartition("/")[0])

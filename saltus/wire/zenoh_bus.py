@@ -73,14 +73,14 @@ class ZenohBus(Bus):
 
     def publisher(self, topic: str, suffix: str = "") -> "ZenohPublisher":
         """See `Bus.publisher`."""
-        row = TOPICS.get(topic)
+        key = self._key(topic, suffix)
+        row = TOPICS[topic]
+        codec.prepare(row.message)
         raw = self._session.declare_publisher(
-            self._key(topic, suffix),
-            encoding=codec.encoding_of(row.message) if row else None,
+            key,
+            encoding=codec.encoding_of(row.message),
             congestion_control=self._when_full,
-            priority=zenoh.Priority.REAL_TIME
-            if row and row.urgent
-            else zenoh.Priority.INTERACTIVE_HIGH,
+            priority=zenoh.Priority.REAL_TIME if row.urgent else zenoh.Priority.INTERACTIVE_HIGH,
             express=True,
         )
         return ZenohPublisher(raw, self)

@@ -13,6 +13,7 @@ from saltus.arrays import Constant
 from saltus.controller.compensation import Compensation
 from saltus.controller.gait import GaitState
 from saltus.controller.tick import CompiledTick, Tick
+from saltus.plan import REST
 from saltus.wire.messages import ControllerMode
 
 DRAWN = 1700
@@ -101,6 +102,18 @@ def test_the_compiled_estimator_is_the_estimator(draw, compiled):
             compiled.sense(row(robots, k), trusted[k], row_of(estimate, k)),
             f"robot {k}: ",
         )
+
+
+def test_the_compiled_reference_of_a_plan_is_the_reference_to_the_bit(compiled):
+    rng = np.random.default_rng(11)
+    for _ in range(DRAWN):
+        plan = replace(
+            REST, **{k: np.asarray(rng.normal(size=v.shape)) for k, v in vars(REST).items()}
+        )
+        heading = np.asarray(rng.uniform(-4.0, 4.0))
+        one, other = TICK.reference(plan, heading), compiled.reference(plan, heading)
+        for name, value in vars(one).items():
+            np.testing.assert_array_equal(value, getattr(other, name), err_msg=name, strict=True)
 
 
 def test_what_is_known_of_drives_is_taken_out(draw):
