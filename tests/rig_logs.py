@@ -5,6 +5,7 @@ For tests of real2sim.
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -66,7 +67,7 @@ def joints_logs(rigs: Sequence[Rig], *, seconds: float = 12.0, seed: int = 0) ->
     time_s, q_des = motion(seconds)
     return [
         _noisy(time_s, q_des, *rows, seed)
-        for rows in zip(*_simulate(rigs, time_s, q_des), strict=True)
+        for rows in zip(*_simulate(tuple(rigs), seconds), strict=True)
     ]
 
 
@@ -90,10 +91,12 @@ def _noisy(
     return RunLog(meta=meta, joints=joints)
 
 
-def _simulate(rigs: Sequence[Rig], time_s: Floats, q_des: Floats) -> tuple[Floats, Floats, Floats]:
+@cache  # several files ask for one robot
+def _simulate(rigs: tuple[Rig, ...], seconds: float) -> tuple[Floats, Floats, Floats]:
     """Readings of q, rate and the torque that the drives believe,
     (rigs, rows, 12); half a millisecond a step.
     """
+    time_s, q_des = motion(seconds)
     delay_s, gain, viscous, coulomb, bias, play, kp, kd = np.array(
         [astuple(rig) for rig in rigs]
     ).T[..., None]

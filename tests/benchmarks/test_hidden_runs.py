@@ -92,7 +92,7 @@ def performer():
     return JointScene(6, tuning=False, quiet=False, legs=(0,))
 
 
-@pytest.mark.sample(3)
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("name", list(experiments.JOINTS))
 def test_experiments_of_joints_stay_within_the_robot(name, performer):
     scene = copy.deepcopy(performer)

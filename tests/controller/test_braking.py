@@ -74,7 +74,7 @@ def stop(robot, loop, plan, seconds):
     return modes
 
 
-@pytest.mark.sample(2)
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("phase", range(len(PHASES)), ids=[f"{phase:.1f}" for phase in PHASES])
 def test_comes_to_a_stand_from_full_speed_at_any_phase_of_the_gait(phase):
     silent = phase % 2 == 1

@@ -16,7 +16,7 @@ from saltus.controller.tick import CompiledTick, Tick
 from saltus.plan import REST
 from saltus.wire.messages import ControllerMode
 
-DRAWN = 1700
+DRAWN = 500
 """Robots of each of the six modes."""
 COMPENSATION = Compensation(
     gain=Constant(np.linspace(0.8, 1.1, 12)),

@@ -43,7 +43,7 @@ TRIALS = [Trial.draw(seed) for seed in (3, 4, 5)]
 KINDS = ("stairs", "stairs", "gap")
 TERRAINS = [make_terrain(TerrainConfig(terrain=kind)) for kind in KINDS]
 SCAN = used_networks.model_path("scan")
-TICKS = 60
+TICKS = 40
 TICK_NS = 10_000_000
 GAPS = (FrameDrop(fraction=0.8),)
 """After long ones the service forgets."""
@@ -183,7 +183,7 @@ def test_a_trial_does_not_depend_on_who_else_is_in_the_batch(
     camera: str, course: dict[str, Any], model: Path | None
 ) -> None:
     evaluation = Evaluation(
-        robot="go1", grid="line", camera=camera, course=TerrainConfig(**course), time_limit_s=1.5
+        robot="go1", grid="line", camera=camera, course=TerrainConfig(**course), time_limit_s=1.0
     )
     run = partial(
         run_batch,

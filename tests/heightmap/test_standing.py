@@ -201,9 +201,10 @@ def test_a_scan_is_judged_where_it_was_seen(
     standing: Recording, tmp_path: Path, off_m: float, named: list[str]
 ) -> None:
     """Points that no image has shown may be anywhere."""
+    level_m = standing.of(RobotState)[0].base_height
 
     def scanned(message: Any, index: int) -> Message | None:
-        heights = np.full(187, -standing.of(RobotState)[0].base_height + off_m)
+        heights = np.full(187, off_m - level_m)
         ages = np.full(187, 0.06)
         ages[100:], heights[100:] = np.inf, 5.0
         return replace(

@@ -31,6 +31,7 @@ pytestmark = pytest.mark.usefixtures("short_calibration")
 
 
 ONE = PredictorTraining(**{**vars(CONFIG), "updates": 1})
+SOME = PredictorTraining(**{**vars(CONFIG), "updates": 8})
 
 
 @pytest.fixture(scope="module")
@@ -215,7 +216,7 @@ def test_a_file_of_another_network_is_refused(
 
 
 def test_an_interrupted_training_goes_on(data: Path, tmp_path: Path) -> None:
-    config = PredictorTraining(**{**vars(CONFIG), "save_every_s": 0.0})
+    config = PredictorTraining(**{**vars(SOME), "save_every_s": 0.0})
 
     def interrupt(progress: TrainingProgress) -> None:
         raise KeyboardInterrupt
@@ -237,7 +238,7 @@ def test_what_was_learned_before_an_interruption_is_kept(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:
     checkpoint, calls = tmp_path / "c.pt", []
-    config = PredictorTraining(**{**vars(CONFIG), "save_every_s": math.inf})
+    config = PredictorTraining(**{**vars(SOME), "save_every_s": math.inf})
     interrupted_at = {"run_window": 5, "calibrate": 1}[where]
     law = getattr(heightmap_train, where)
 

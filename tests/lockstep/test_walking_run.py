@@ -18,7 +18,6 @@ from saltus.policy.joints.footing import BEARS_NS, LONGEST_NS
 from saltus.policy.joints.walker import STOP_NS
 from saltus.recordings.recording import Recording, read_recording
 from saltus.recordings.timing import digest
-from saltus.runtime.programs import PROGRAMS
 from saltus.runtime.stack import Stack
 from saltus.wire.messages import (
     CommandMode,
@@ -32,8 +31,8 @@ from saltus.wire.messages import (
     RobotState,
 )
 
-JUMPS_S, WALKS_S, ENDS_S = 1.6, 3.0, 4.8
-LENGTH_S = 6.2
+JUMPS_S, WALKS_S, ENDS_S = 1.6, 2.8, 4.4
+LENGTH_S = 5.8
 
 
 def walks_jumps_and_walks_until_it_ends(
@@ -106,8 +105,8 @@ def test_each_state_gets_one_plan_of_whoever_moves_the_robot(recording: Recordin
     assert next(iter(recording.of(Heightmap))).height.shape == (SCAN_AND_LINE.size,)
 
 
-@pytest.mark.sample(2)
-@pytest.mark.parametrize("name", [program.name for program in PROGRAMS])
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("name", ["policy", "controller", "heightmap", "render"])
 def test_every_process_repeats_to_the_bit(recording: Recording, name: str) -> None:
     check_repeats(recording, name, int(LENGTH_S * 50))
 
@@ -121,18 +120,24 @@ def test_the_estimate_holds_while_no_schedule_says_which_feet_stand(recording: R
     assert np.mean(np.array([state.leg_trusted for state in walked])[bear]) > 0.95
 
 
-@pytest.mark.parametrize("walks_s", [2.6, 2.8])
-def test_the_estimate_holds_in_a_landing_from_any_moment_of_the_gait(
-    walks_s: float, tmp_path: Path
-) -> None:
+def test_the_estimate_holds_in_a_landing(recording: Recording) -> None:
     """By the schedule alone, feet that hung in the air said 0.7 m/s too little of a fall."""
-    driver = partial(walks_jumps_and_walks_until_it_ends, walks_s=walks_s)
-    recording = recorded_run(tmp_path, config_in(tmp_path, walks_s + 1.0), driver=driver)
     truths = {truth.step: truth for truth in recording.of(GroundTruth)}
     lands = [s for s in recording.of(RobotState) if s.mode == ControllerMode.LANDING]
     errors = [s.velocity_base_in_world - truths[s.step].velocity_base_in_world for s in lands]
     assert len(lands) > 30
     assert np.abs(errors).max() < 0.2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("walks_s", [2.6, 3.0])
+def test_the_estimate_holds_in_a_landing_from_other_moments_of_the_gait(
+    walks_s: float, tmp_path: Path
+) -> None:
+    driver = partial(walks_jumps_and_walks_until_it_ends, walks_s=walks_s)
+    test_the_estimate_holds_in_a_landing(
+        recorded_run(tmp_path, config_in(tmp_path, walks_s + 1.0), driver=driver)
+    )
 
 
 @pytest.mark.slow

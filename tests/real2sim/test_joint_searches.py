@@ -84,6 +84,7 @@ def test_an_integral_term_is_no_spring() -> None:
     assert {found.name for found in findings.nearest} == {"joint_spring"}
 
 
+@pytest.mark.slow
 def test_effects_that_a_motion_cannot_tell_apart_come_as_a_set() -> None:
     """A slow motion near one pose asks an encoder bias and a pull for the same torque."""
     slow = of_motion(noisy(motion(EncoderBias(bias=0.1))), "triangle")

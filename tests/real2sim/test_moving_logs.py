@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from moving_robot import jumping_log
 from samples import ROBOT
 
 from benchmarks.moving_logs import trot
@@ -33,7 +32,7 @@ MOVING = ("walk", "turn", "jump")
 
 
 @pytest.fixture(scope="module")
-def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RunLog]:
+def logs(jumps: tuple[RunLog, Path]) -> dict[str, RunLog]:
     commands = {name: trot(ROBOT, 4.0, **how) for name, how in PATHS.items()} | {
         "stand": rest(ROBOT, 4.0)
     }
@@ -51,7 +50,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RunLog]:
     }
     made = {name: run(experiment, ROBOT, IDEAL) for name, experiment in free.items()}
     held = run(experiment_named("single_sine"), ROBOT, IDEAL)
-    return {**made, "held": held, "jump": jumping_log(tmp_path_factory.mktemp("jump"))}
+    return {**made, "held": held, "jump": jumps[0]}
 
 
 @pytest.mark.parametrize("family", FAMILIES)

@@ -26,7 +26,7 @@ def everywhere(effect: str, *values: float) -> dict[tuple[str, str, str], tuple[
 
 @pytest.mark.parametrize("colour", [0.0, 0.5])
 def test_noise_alone_is_no_gap(colour: float) -> None:
-    rulings = [search(LinearProblem({}, seed=seed, colour=colour)).verdict for seed in range(25)]
+    rulings = [search(LinearProblem({}, seed=seed, colour=colour)).verdict for seed in range(12)]
     assert rulings.count("no_gap") == len(rulings)
 
 
@@ -39,7 +39,7 @@ def test_every_effect_of_a_linear_problem_is_named() -> None:
 
 def test_intervals_hold_the_truth() -> None:
     held = []
-    for seed in range(20):
+    for seed in range(12):
         findings = search(LinearProblem(sizes("e3", 3.5) | sizes("e5", 3.0), seed=seed, colour=0.4))
         found = {effect.name: effect.params["size"].ci90 for effect in findings.effects}
         held += [
@@ -220,6 +220,7 @@ def test_what_is_not_in_the_library_stays_unexplained() -> None:
     assert search(OneJoint({}, ripple=0.3, colour=0.4)).verdict == "unexplained"
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("effect", ["command_delay", "coulomb_friction"])
 def test_without_the_true_effect_no_other_is_named(effect: str) -> None:
     findings = search(OneJoint(everywhere(effect, *SINGLES[effect]), colour=0.4, without=(effect,)))

@@ -6,9 +6,23 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 TESTS = Path(__file__).parents[1]
+CALLS = (
+    "rotations.rotation_matrix(np.zeros(3))",
+    "rotations.quaternion_from_roll_pitch_yaw(np.zeros(5), np.zeros(4), np.zeros(5))",
+    "grid.LINE.points_in_world(np.zeros((5, 3)), np.zeros(4))",
+    "joint_command.JointCommand(**dict.fromkeys(('position', 'velocity', 'kp', 'kd', 'torque'), "
+    "np.zeros((4, 3))))",
+)
+REFUSED = f"""
+import shape_checks, numpy as np
+from saltus import grid, joint_command, rotations
+for call in {CALLS}:
+    try:
+        eval(call)
+    except Exception as error:
+        print(type(error).__name__)
+"""
 
 
 def python(code: str) -> subprocess.CompletedProcess[str]:
@@ -23,23 +37,10 @@ def test_laws_of_numpy_and_torch_keep_the_shapes_that_they_state() -> None:
     assert run.returncode == 0, run.stderr[-3000:]
 
 
-@pytest.mark.parametrize(
-    "call",
-    [
-        "rotations.rotation_matrix(np.zeros(3))",
-        "rotations.quaternion_from_roll_pitch_yaw(np.zeros(5), np.zeros(4), np.zeros(5))",
-        "grid.LINE.points_in_world(np.zeros((5, 3)), np.zeros(4))",
-        "joint_command.JointCommand(**dict.fromkeys(('position', 'velocity', 'kp', 'kd', "
-        "'torque'), np.zeros((4, 3))))",
-    ],
-)
-def test_another_shape_is_refused(call: str) -> None:
-    run = python(
-        "import shape_checks, numpy as np; from saltus import grid, joint_command, rotations; "
-        f"{call}"
-    )
-    assert run.returncode == 1
-    assert "TypeCheckError" in run.stderr
+def test_other_shapes_are_refused() -> None:
+    run = python(REFUSED)
+    assert run.returncode == 0, run.stderr[-3000:]
+    assert run.stdout.split() == ["TypeCheckError"] * len(CALLS)
 
 
 def test_what_is_deployed_loads_no_checks() -> None:

@@ -39,7 +39,7 @@ def pink(pictures: np.ndarray) -> int:
     return int(((red - green > 80) & (blue - green > 40)).sum())
 
 
-@pytest.mark.sample(5)
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("kind", FAMILIES)
 def test_frames_show_robot_ground_and_heightmap(kind: str) -> None:
     pictures = frames(kind)
@@ -83,7 +83,7 @@ def test_frames_repeat_and_follow_the_robot() -> None:
     assert np.abs(first.astype(int) - frames("stairs", x=1.3).astype(int)).mean() > 1.0
 
 
-@pytest.mark.parametrize("yaw", [0.5, 1.6, 3.1, -1.6])
+@pytest.mark.parametrize("yaw", [0.5, -1.6])
 def test_any_heading_can_be_drawn(yaw: float) -> None:
     assert pink(frames("stairs", count=1, yaw=yaw)) > 0
 

@@ -34,7 +34,7 @@ def refused(*faults: str, seed: int = 0, stands: bool = False) -> set[str]:
     return {name for name, passed in checked(wire, stands=stands).items() if not passed}
 
 
-@pytest.mark.sample(3)
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("kind", FOUND_BY)
 def test_each_fault_of_a_hanging_robot_is_found_and_named(kind: str) -> None:
     found = refused(kind)
