@@ -155,7 +155,7 @@ def nearest_along(scene: WarpScene, frame: int, origin: wp.vec3f, way: wp.vec3f)
 
 @wp.kernel(enable_backward=False)
 def cast_kernel(scene: WarpScene, depth: wp.array3d[float]):
-    """Depth of boxes and capsules."""
+    """Writes the depth of boxes and capsules into `depth`."""
     frame, row, column = wp.tid()
     direction = pixel_direction(row, column, scene.fx, scene.fy, scene.cx, scene.cy)
     depth[frame, row, column] = nearest_along(scene, frame, wp.vec3f(), direction)
@@ -170,7 +170,7 @@ def hide_kernel(
     along: float,
     hidden: wp.array3d[wp.bool],
 ):
-    """True where something lies on the way from the right imager
+    """Writes into `hidden` where something lies on the way from the right imager
     to the point that the left one sees.
     """
     frame, row, column = wp.tid()

@@ -166,13 +166,13 @@ def give(model: Path, run_dir: Path) -> str:
 
 
 def wait_for_answer(run_dir: Path) -> str:
-    """Waits until the service of a run has checked the model that was given.
+    """Waits until the service of a run has checked the model in its folder;
+    removes the model if no answer comes.
 
-    Returns why it refuses it, or nothing.
+    Returns why the service refuses the model; empty if it accepts it.
 
     Raises:
-        ModelError: no service looks there, or it does not come to an end; the model is taken away
-            again.
+        ModelError: no service looks there, or its check does not come to an end.
     """
     target = run_dir / FILE
     answer, heard, deadline_s = _answer_path(target), False, time.monotonic() + HEARD_S

@@ -33,7 +33,7 @@ class Show(RobotOption, JsonOption):
     """Folder for camera.html, and for camera.toml, which says all of it."""
 
     def run(self) -> int:
-        """Draws and prints; 1 where it sees no point of the heightmap."""
+        """Writes the drawing into `out`, and prints; 1 where no point of the heightmap is seen."""
         from saltus.render.camera_plot import draw_camera
         from saltus.terrain.curriculum import make_terrain
 

@@ -33,7 +33,7 @@ class TerrainCommand(JsonOption):
     """Folder for terrain.png, and for terrain.toml, the terrain as boxes."""
 
     def run(self) -> int:
-        """Draws and prints; 0."""
+        """Writes the drawing and the boxes into `out`, and prints; 0."""
         from saltus.render.terrain_plot import draw_terrain
         from saltus.terrain.curriculum import make_terrain
 

@@ -262,7 +262,7 @@ def _judge(
 
 
 def write_results(scores: list[Score], path: Path) -> None:
-    """All scores as JSON."""
+    """Writes all scores to a JSON file."""
     path.write_text(json.dumps([vars(score) for score in scores], indent=0), encoding="utf-8")
 
 
