@@ -10,12 +10,12 @@ most `delta` moves a pixel by less than (1 - alpha) delta, which is below half a
 0.75 and delta = 1, so rounding undoes all smoothing. Only holes are filled.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 from saltus.arrays import Array, Images, namespace
 from saltus.depth import MILLIMETRE
-from saltus.effects.effect import Effect, parameter
+from saltus.effects.effect import Effect, parameter, setting
 from saltus.effects.signals import DepthImage
 from saltus.render.holes import filled_along_rows, filled_from_around, on_host
 from saltus.render.single_image import SingleImageEffect
@@ -61,10 +61,7 @@ Remembered: TypeAlias = tuple[Array, Array, Array, Array]
 
 def _unit() -> float:
     """The depth unit [m]: what filters round to and count differences in."""
-    unit: float = field(
-        default=MILLIMETRE, metadata={"unit": "m", "low": 1e-6, "high": 0.1, "per_joint": False}
-    )
-    return unit
+    return setting(MILLIMETRE, unit="m", low=1e-6, high=0.1)
 
 
 @dataclass(frozen=True, kw_only=True)

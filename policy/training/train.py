@@ -44,10 +44,16 @@ def make_engine(
     robot: Robot, count: int, config: EnvSettings, device: str, threads: int = 0
 ) -> Engine:
     """The physics of an environment on a device, "cpu" or "cuda:N"."""
-    boxes, dimensions = (
-        config.curriculum.boxes,
-        config.contact_dimensions(load_profile(config.profile, robot)),
+    dimensions = config.contact_dimensions(load_profile(config.profile, robot))
+    return engine_on(
+        device, robot, count, config.curriculum.boxes, dimensions=dimensions, threads=threads
     )
+
+
+def engine_on(
+    device: str, robot: Robot, count: int, boxes: int, *, dimensions: int = 3, threads: int = 0
+) -> Engine:
+    """Physics of robots among boxes on a device, "cpu" (with so many threads) or "cuda:N"."""
     if device == "cpu":
         from saltus.sim.cpu_engine import CpuEngine
 

@@ -7,7 +7,7 @@ import torch
 
 from saltus.model_file import ModelFile
 from saltus.policy.training.learner import Learner
-from saltus.policy.training.train import Rank, learn, paced, say
+from saltus.policy.training.train import Rank, engine_on, learn, paced, say
 from saltus.policy.training.training_record import TrainingRecord
 from saltus.policy.walking.env import WalkEnv
 from saltus.policy.walking.export import MODEL, export, make_actor
@@ -24,14 +24,7 @@ SAVE_S = 45.0
 
 def make_engine(robot: Robot, config: WalkTrainSettings, device: str, threads: int = 0) -> Engine:
     """The physics of an environment on a device, "cpu" or "cuda:N"."""
-    boxes = config.env.ground.boxes
-    if device == "cpu":
-        from saltus.sim.cpu_engine import CpuEngine
-
-        return CpuEngine(robot, config.robots, boxes, threads=threads)
-    from saltus.sim.warp_engine import WarpEngine
-
-    return WarpEngine(robot, config.robots, boxes, device=device)
+    return engine_on(device, robot, config.robots, config.env.ground.boxes, threads=threads)
 
 
 def train(

@@ -3,12 +3,12 @@ and pixels that fly between near and far.
 """
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from saltus.arrays import Array, Images, Masks, namespace
-from saltus.effects.effect import PerRobot, like, parameter, per_image
+from saltus.effects.effect import PerRobot, like, parameter, per_image, setting
 from saltus.effects.fields import mean_around, unit_uniform
 from saltus.render.stereo.image import StereoImage
 from saltus.render.stereo.random_effect import RandomStereoEffect
@@ -48,16 +48,10 @@ class StereoEdgeHoles(RandomStereoEffect, name="edge_holes"):
     # an edge, 3 % of those within 4.5 px; frames of clutter lose several times that
     fraction: PerRobot = parameter(unit="", null=0.0, low=0.0, high=1.0)
     # half of a matching window of 9 px
-    reach: float = field(
-        default=4.5, metadata={"unit": "px", "low": 0.5, "high": 50.0, "per_joint": False}
-    )
+    reach: float = setting(4.5, unit="px", low=0.5, high=50.0)
     # a change that is smaller than a pixel still matches as one surface
-    jump: float = field(
-        default=1.0, metadata={"unit": "px", "low": 0.05, "high": 50.0, "per_joint": False}
-    )
-    patch: float = field(
-        default=3.0, metadata={"unit": "px", "low": 0.5, "high": 50.0, "per_joint": False}
-    )
+    jump: float = setting(1.0, unit="px", low=0.05, high=50.0)
+    patch: float = setting(3.0, unit="px", low=0.5, high=50.0)
     """Size of the patches that are lost together."""
 
     def drawn(self, signal: StereoImage, keys: Array) -> StereoImage:
@@ -94,9 +88,7 @@ class FlyingPixels(RandomStereoEffect, name="flying_pixels"):
     # not published; one in five makes the thin veil at edges that recordings show
     fraction: PerRobot = parameter(unit="", null=0.0, low=0.0, high=1.0)
     # as for holes at edges
-    jump: float = field(
-        default=1.0, metadata={"unit": "px", "low": 0.05, "high": 50.0, "per_joint": False}
-    )
+    jump: float = setting(1.0, unit="px", low=0.05, high=50.0)
 
     def drawn(self, signal: StereoImage, keys: Array) -> StereoImage:
         """Moves pixels into the gap."""

@@ -3,12 +3,12 @@ steps and range of disparities, surfaces that return too little of the pattern.
 """
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from saltus.arrays import Array, Images, namespace
-from saltus.effects.effect import Effect, PerRobot, parameter, per_image
+from saltus.effects.effect import Effect, PerRobot, parameter, per_image, setting
 from saltus.effects.fields import draw_keys, gaussian, samples, unit_uniform
 from saltus.render.single_image import SingleImageEffect
 from saltus.render.stereo.image import StereoImage
@@ -112,12 +112,8 @@ class WeakSignal(RandomStereoEffect, name="weak_signal"):
     reach: PerRobot = parameter(unit="m", null=np.inf, low=0.1, high=1e3)
     # matt surfaces indoors reflect 5 to 80 %: a factor of 4 either way within two standard
     # deviations
-    spread: float = field(
-        default=0.7, metadata={"unit": "", "low": 0.01, "high": 5.0, "per_joint": False}
-    )
-    patch: float = field(
-        default=5.0, metadata={"unit": "px", "low": 0.5, "high": 50.0, "per_joint": False}
-    )
+    spread: float = setting(0.7, unit="", low=0.01, high=5.0)
+    patch: float = setting(5.0, unit="px", low=0.5, high=50.0)
     """Size of the patches that are lost together."""
 
     def drawn(self, signal: StereoImage, keys: Array) -> StereoImage:
@@ -180,14 +176,10 @@ class DisparityNoise(Effect[StereoImage], name="disparity_noise", site="depth"):
     sigma: PerRobot = parameter(unit="px", null=0.0, low=0.0, high=2.0)
     # 1/e of the correlation of a D435 at 640x480 lies at 10 px across and 7 px down: the size of
     # the window
-    correlation: float = field(
-        default=9.0, metadata={"unit": "px", "low": 0.1, "high": 100.0, "per_joint": False}
-    )
+    correlation: float = setting(9.0, unit="px", low=0.1, high=100.0)
     # D435 at 2 m: 3.6 mm of noise at a pixel over time, 5.2 mm over a plane, so half the variance
     # stays from frame to frame, at 50 Hz: 0.020 s / ln 2
-    persistence_s: float = field(
-        default=0.029, metadata={"unit": "s", "low": 0.0, "high": 1e3, "per_joint": False}
-    )
+    persistence_s: float = setting(0.029, unit="s", low=0.0, high=1e3)
 
     def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Memory:
         """A key for each image, and no noise yet."""

@@ -105,19 +105,11 @@ class Preflight(JsonOption, LinkOptions):
         check_speed(self.speed)
         kind = self.loaded()
         from saltus.clock import RunClock
-        from saltus.controller.robot.unitree.link import (
-            ANSWERS,
-            COMMANDS,
-            REQUESTS,
-            STATES,
-            UnitreeLink,
-        )
+        from saltus.controller.robot.unitree.link import UnitreeLink
         from saltus.controller.robot.unitree.preflight import preflight
 
         clock = RunClock(speed=self.speed)
-        link = UnitreeLink(
-            self.domain, self.interface, sends=[COMMANDS, REQUESTS], takes=[STATES, ANSWERS]
-        )
+        link = UnitreeLink.to_robot(self.domain, self.interface)
         try:
             checks = preflight(
                 link, kind, clock, ticking(clock), stands=self.standing,
@@ -261,13 +253,7 @@ class Run(PaceOptions, LinkOptions):
         kind = self.loaded()
         from saltus.clock import RunClock
         from saltus.controller.robot.unitree.limits import STAGES
-        from saltus.controller.robot.unitree.link import (
-            ANSWERS,
-            COMMANDS,
-            REQUESTS,
-            STATES,
-            UnitreeLink,
-        )
+        from saltus.controller.robot.unitree.link import UnitreeLink
         from saltus.controller.robot.unitree.motion_service import MotionService
         from saltus.controller.robot.unitree.robot import UnitreeRobot
         from saltus.real2sim.experiments.on_backend import held_experiment
@@ -275,10 +261,7 @@ class Run(PaceOptions, LinkOptions):
         if self.stage not in STAGES:
             held_experiment(self.stage)  # a wrong name is told before anything moves
         lockstep, clock = self.pace == "lockstep", RunClock(speed=self.speed)
-        link = UnitreeLink(
-            self.domain, self.interface, sends=[COMMANDS, REQUESTS], takes=[STATES, ANSWERS],
-            reliable=lockstep,
-        )  # fmt: skip
+        link = UnitreeLink.to_robot(self.domain, self.interface, reliable=lockstep)
         limits = STAGES.get(self.stage)  # an experiment has its own
         robot = UnitreeRobot(link, kind, clock, limits=limits, lockstep=lockstep)
         wait = (lambda: 0.0) if lockstep else ticking(clock)

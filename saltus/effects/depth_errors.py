@@ -1,13 +1,13 @@
 """Effects on the values of a depth image: bias, scale, noise, holes, the end of the range."""
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from saltus.arrays import Array, namespace
 from saltus.depth import BASELINE_M, D435I
-from saltus.effects.effect import Effect, PerRobot, parameter, per_image, pixels_within
+from saltus.effects.effect import Effect, PerRobot, parameter, per_image, pixels_within, setting
 from saltus.effects.fields import draw_keys, gaussian
 from saltus.effects.signals import DepthImage
 
@@ -51,9 +51,7 @@ class DepthNoise(Effect[DepthImage], name="depth_noise", site="depth"):
     # 0.08 px in practice, 0.03 px at best (Intel on the D4xx)
     subpixel_sigma: PerRobot = parameter(unit="px", null=0.0, low=0.0, high=5.0)
     # of the image whose pixels `subpixel_sigma` counts (original: D435i at 424x240)
-    focal_px: float = field(
-        default=D435I.fx, metadata={"unit": "px", "low": 1.0, "high": 1e4, "per_joint": False}
-    )
+    focal_px: float = setting(D435I.fx, unit="px", low=1.0, high=1e4)
 
     def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Array:
         """A key for each robot."""

@@ -116,14 +116,15 @@ def from_robot(source: str, *, unit: str, high: float) -> Any:
     )
 
 
-def period(default: float) -> float:
-    """Declares the period [s] at which an effect gets its signal.
+def setting(default: float, *, unit: str, low: float, high: float) -> float:
+    """Declares a number that shapes an effect and has no value at which nothing happens."""
+    metadata = {"unit": unit, "low": low, "high": high, "per_joint": False}
+    return field(default=default, metadata=metadata)
 
-    Not an effect in itself, so without null value.
-    """
-    return field(
-        default=default, metadata={"unit": "s", "low": 1e-5, "high": 1.0, "per_joint": False}
-    )
+
+def period(default: float) -> float:
+    """Declares the period [s] at which an effect gets its signal."""
+    return setting(default, unit="s", low=1e-5, high=1.0)
 
 
 @dataclass(frozen=True, kw_only=True)

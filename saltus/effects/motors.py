@@ -3,14 +3,14 @@ lag, limits, gain, sag.
 """
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from saltus.arrays import Array, Constant, Floats, namespace
 from saltus.constants import PHYSICS_DT
-from saltus.effects.effect import Drawable, Effect, Values, from_robot, parameter, period
+from saltus.effects.effect import Drawable, Effect, Values, from_robot, parameter, period, setting
 from saltus.effects.signals import Drive
 from saltus.errors import ConfigError
 from saltus.robots.robot import JOINTS
@@ -244,9 +244,7 @@ class BatterySag(Effect[Drive], name="battery_sag", site="torque"):
     loss_at_end: Values = parameter(
         unit="", null=0.0, low=-1.0, high=1.0, sought=(0.0, 0.7), per_joint=True
     )
-    duration_s: float = field(
-        default=30.0, metadata={"unit": "s", "low": 0.1, "high": 1e5, "per_joint": False}
-    )
+    duration_s: float = setting(30.0, unit="s", low=0.1, high=1e5)
     """Length of the run; not an effect in itself, so without null value."""
 
     def apply(self, signal: Drive, time_s: Array, state: None) -> tuple[Drive, None]:

@@ -91,6 +91,14 @@ class UnitreeLink:
         StackError: there is no such domain or interface.
     """
 
+    @classmethod
+    def to_robot(
+        cls, domain: int, interface: str | None = None, *, reliable: bool = False
+    ) -> "UnitreeLink":
+        """A link that commands a robot and asks its motion service; arguments as of the class."""
+        takes = [STATES, ANSWERS]
+        return cls(domain, interface, sends=[COMMANDS, REQUESTS], takes=takes, reliable=reliable)
+
     def __init__(
         self,
         domain: int,
