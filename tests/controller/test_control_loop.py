@@ -148,6 +148,7 @@ def test_joint_targets_are_held_and_their_end_is_a_stand(silent_s):
     assert loop.state(0, 0).leg_trusted.all()
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("yaw", [-2.0, 0.5, 3.0])
 def test_a_robot_that_has_turned_while_it_walked_jumps_in_its_new_heading(yaw):
     """It is commanded as one that stood in that heading from the first."""

@@ -31,7 +31,7 @@ STATES = [
     WatchdogState(mode=mode, mode_time_s=time_s, fault=fault, lay=lay)
     for mode in ControllerMode
     for lay in (False, True)
-    for time_s in (0.0, 0.5, 5.0)
+    for time_s in (0.5, 5.0)
     for fault in (False, True)
 ]
 CASES = list(itertools.product(STATES, inputs()))

@@ -20,6 +20,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
         robot="go1",
         grid="line",
         terrain=TerrainConfig(terrain="stairs", rise_m=0.1),
+        camera="ideal",
         heights="true",
         time_limit_s=LENGTH_S,
     )

@@ -53,11 +53,13 @@ def walks_jumps_and_walks_until_it_ends(
 
 
 def config_in(folder: Path, length_s: float) -> RunConfig:
-    """A run on level ground with a policy that stands in its pose."""
+    """A run on level ground with a policy that stands in its pose; nobody looks at the ground."""
     return RunConfig(
         robot="go1",
         grid=WALKING_GRID,
         terrain=TerrainConfig(terrain="flat"),
+        camera="ideal",
+        heights="true",
         planner="walking",
         policy_model=str(put_policy(folder / "walk.onnx")),
         time_limit_s=length_s,

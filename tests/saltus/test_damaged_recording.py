@@ -53,7 +53,7 @@ def chunk_ends(path: Path) -> list[tuple[int, int]]:
 
 
 @given(share=st.floats(0.0, 1.0))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @example(share=1.0)
 def test_a_file_cut_off_at_any_byte_has_every_message_before_the_cut(
     share: float, whole: Recording, tmp_path_factory: pytest.TempPathFactory
@@ -138,7 +138,7 @@ def test_a_chunk_that_unpacks_to_more_than_it_says_takes_no_more_memory(
 
 
 @given(position=st.integers(0, 10**9), mask=st.integers(1, 255))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_a_flipped_byte_never_changes_a_message(
     whole: Recording, tmp_path_factory: pytest.TempPathFactory, position: int, mask: int
 ) -> None:

@@ -133,6 +133,7 @@ def walked(drive: Driver, start: int, goals: list[list[float]], most: int, odome
     raise AssertionError("it goes on and on")
 
 
+@pytest.mark.sample(6)
 @pytest.mark.parametrize("has_odometry", [True, False])
 @pytest.mark.parametrize("start", range(4))
 @pytest.mark.parametrize("by", ["goals", "script"])
