@@ -35,7 +35,7 @@ def without_the_right() -> None:
     ctypes.CDLL(None, use_errno=True).prctl(PR_CAPBSET_DROP, CAP_SYS_NICE, 0, 0, 0)
 
 
-def spin(*processes: str, right: bool = True) -> list[tuple[int, int, float]]:
+def spin(*processes: str, right: bool = True, for_s: float = 0.0) -> list[tuple[int, int, float]]:
     """Priority, that of the session, and processor time of programs
     that are busy at the same time on one processor.
 
@@ -62,7 +62,7 @@ def spin(*processes: str, right: bool = True) -> list[tuple[int, int, float]]:
     for each in started:
         assert each.stdout is not None
         each.stdout.readline()
-    until_s = time.monotonic() + SPIN_S
+    until_s = time.monotonic() + for_s
     for each in started:
         assert each.stdin is not None
         each.stdin.write(f"{until_s}\n")
@@ -98,7 +98,7 @@ def test_a_process_is_preferred_where_it_has_the_right_and_takes_its_turn_where_
 
 
 def test_the_loop_gets_the_processor_beside_a_busy_program() -> None:
-    (_, _, loop_s), (_, _, other_s) = spin("controller", "")
+    (_, _, loop_s), (_, _, other_s) = spin("controller", "", for_s=SPIN_S)
     assert loop_s > (2.0 * other_s if may(ALONE) and may(AS_SESSION) else 0.0)
 
 
