@@ -18,12 +18,12 @@ from saltus.heightmap.scan.body import NoBody, OwnBody
 from saltus.heightmap.scan.cameras import ScanCamera
 from saltus.heightmap.scan.elevation import Measurement
 from saltus.heightmap.scan.predictor import Ground, ScanNetwork, ScanPredictor
-from saltus.heightmap.scan.shadows import deepened
 from saltus.heightmap.scan.trail import Trail, Waypoint
 from saltus.heightmap.service.image_watch import DEPTH, NO_FRAME, ImageWatch, worse
 from saltus.heightmap.service.quantiles import UNKNOWN_HALF_WIDTH_M
 from saltus.heightmap.service.rolling_feet import RollingFeet
 from saltus.heightmap.service.sight import BAD_OUTPUTS_TO_FORGET, BLIND_INVALID_PIXELS
+from saltus.loop.shadows import deepened
 from saltus.robots.robot import Robot
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
 from saltus.wire.topics import Topic
@@ -63,7 +63,7 @@ class ScanRig:
     body: OwnBody = field(default_factory=NoBody)
     shadows: bool = False
     """Heights are for a planner of jumps, which reads them alone: ground in doubt that leads down
-    is told lower (`saltus.heightmap.scan.shadows`)."""
+    is told lower (`saltus.loop.shadows`)."""
 
 
 class Worker(Protocol):

@@ -19,8 +19,8 @@ from saltus.grid import LINE, SCAN, HeightGrid
 from saltus.heightmap.scan.body import NoBody
 from saltus.heightmap.scan.cameras import ScanCamera
 from saltus.heightmap.scan.predictor import ScanNetwork
-from saltus.heightmap.scan.shadows import deepened
 from saltus.heightmap.service.scan import FIRST, ScanRig, ScanService
+from saltus.loop.shadows import deepened
 from saltus.robots.legs import LegKinematics
 from saltus.robots.mount import Mount
 from saltus.rotations import rotation_matrix

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from saltus.grid import LINE, SCAN, HeightGrid
-from saltus.heightmap.scan.shadows import DOUBT_M, FALL_M, LEAD_M, LEVEL_M, RISES_M, deepened
+from saltus.loop.shadows import DOUBT_M, FALL_M, LEAD_M, LEVEL_M, RISES_M, deepened
 from saltus.terrain.terrain import TRENCH_DEPTH
 
 X = np.array(LINE.x)
