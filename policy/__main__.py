@@ -4,7 +4,7 @@ import sys
 from collections.abc import Callable
 
 from saltus.loop.planner import compiled_observe
-from saltus.policy.mover import Jumper, Mover, feet_lines
+from saltus.policy.mover import FeetLines, Jumper, Mover
 from saltus.policy.planner import jumping_grid, jumping_planner, make_planner, warm_up
 from saltus.policy.process import PlannerProcess
 from saltus.robots.legs import LegKinematics
@@ -156,12 +156,12 @@ def movers_of(context: ProcessContext) -> Callable[[], list[Mover]]:
     # In lockstep nobody is late: the reference itself, to the bit
     compiled = None if config.pace == "lockstep" else compiled_observe(LegKinematics(robot))
     if config.planner != "walking":
-        return lambda: [Jumper(robot, planner, compiled, grid.places_of(jumps_on))]
+        return lambda: [Jumper(robot, planner, compiled)]
     from saltus.policy.joints.policy import JointPolicy
     from saltus.policy.joints.walker import Walker
 
     policy = JointPolicy(walking_path(config.robot, config.policy_model))
-    scan, lines = grid.places_of(policy.description.height_grid()), feet_lines(grid, jumps_on)
+    scan, lines = grid.places_of(policy.description.height_grid()), FeetLines(grid, jumps_on)
     return lambda: [Walker(robot, policy, scan), Jumper(robot, planner, compiled, lines)]
 
 

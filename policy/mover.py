@@ -6,11 +6,11 @@ from functools import partial
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.grid import HeightGrid
 from saltus.loop.planner import Observation, Planner, observe
+from saltus.loop.shadows import deepened
 from saltus.plan import REST, plan_message
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
@@ -39,6 +39,8 @@ class Decision:
     """On the grid of the run, relative to the base [m]; None unless the status is GO."""
     velocity: Velocity
     """As commanded."""
+    half_width: Floats | None = None
+    """Half of the 90 % interval of each height [m]; None: they are sure."""
     status: PlanStatus = PlanStatus.GO
     reason: str = ""
     """Reason for which the status is not GO."""
@@ -68,8 +70,7 @@ class Jumper:
         robot: Which one.
         planner: Its planner.
         compiled: Observes in place of the law on numpy.
-        places: Of the planner's heights among those of the run's grid, see `feet_lines`; None: they
-            are the same.
+        lines: What it makes of the heights of a run's grid for the planner; None: nothing.
     """
 
     follows, waits = CommandMode.JUMP, False
@@ -79,10 +80,10 @@ class Jumper:
         robot: Robot,
         planner: Planner,
         compiled: Callable[[RobotState], Observation] | None = None,
-        places: NDArray[np.intp] | None = None,
+        lines: "FeetLines | None" = None,
     ) -> None:
         self._observe = compiled or partial(observe, legs=LegKinematics(robot))
-        self._planner, self._places = planner, slice(None) if places is None else places
+        self._planner, self._lines = planner, lines
         self._goes = False
 
     def plan(self, decision: Decision) -> MotionPlan:
@@ -91,7 +92,9 @@ class Jumper:
         begins, plan = not self._goes, REST
         self._goes = status == PlanStatus.GO
         if decision.heights is not None:
-            heights = under_feet(decision.heights[self._places])
+            heights = decision.heights
+            if self._lines is not None:
+                heights = self._lines(heights, decision.half_width)
             plan = self._planner.step(self._observe(state), heights, begins)
         return plan_message(
             plan, status, time_ns=state.time_ns, step=state.step, reason=decision.reason,
@@ -104,24 +107,33 @@ class Jumper:
         return False
 
 
-def feet_lines(grid: HeightGrid, line: HeightGrid) -> NDArray[np.intp]:
-    """Places on a grid of the points of a line and of those `ASIDE_M` beside them, those to the
-    right first, shape (3, points).
+class FeetLines:
+    """The line ahead on which a robot jumps, made of it and of the ground `ASIDE_M` beside it.
+
+    What edges hide is lowered, as services do for planners that jump alone (`saltus.loop.shadows`);
+    where a robot walks by the same heights, they do not.
+
+    Args:
+        grid: Of the run.
+        line: Of the planner.
 
     Raises:
         ConfigError: the grid has no such points.
     """
-    return np.stack([grid.places_of(replace(line, y=(y,))) for y in (-ASIDE_M, 0.0, ASIDE_M)])
 
+    def __init__(self, grid: HeightGrid, line: HeightGrid) -> None:
+        self._lines = replace(line, y=(-ASIDE_M, 0.0, ASIDE_M))
+        self._places = grid.places_of(self._lines)
 
-def under_feet(heights: Floats) -> Floats:
-    """Heights of a line ahead, shape (points,), of that line, or of three, shape (3, points).
+    def __call__(self, heights: Floats, half_width: Floats | None = None) -> Floats:
+        """Heights of the line [m], shape (points,), of those of the grid and of their half-widths.
 
-    Where a hole begins beside the middle one, as at a trench that lies askew, it has begun: feet of
-    one side would step into it.
-    """
-    if heights.ndim == 1:
-        return heights
-    right, middle, left = heights
-    lowest = np.minimum(right, left)
-    return np.where(lowest < middle - HOLE_M, lowest, middle)
+        Where a hole begins beside the middle, as at a trench that lies askew, it has begun: feet of
+        one side would step into it.
+        """
+        given = heights[self._places]
+        if half_width is not None:
+            given, _ = deepened(given, half_width[self._places], self._lines)
+        right, middle, left = given.reshape(self._lines.shape).T
+        lowest = np.minimum(right, left)
+        return np.where(lowest < middle - HOLE_M, lowest, middle)

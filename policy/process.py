@@ -182,13 +182,15 @@ class PlannerProcess:
         )
 
     def _planned(self, state: RobotState) -> AnyPlan:
-        heights = None
+        heights = half_width = None
         if self._status == PlanStatus.GO and self._heightmap is not None:
-            heights = np.asarray(self._heightmap.height, dtype=np.float64)
+            seen = self._heightmap.height, self._heightmap.half_width_90
+            heights, half_width = (np.asarray(each, dtype=np.float64) for each in seen)
         return self._mover.plan(
             Decision(
                 state=state,
                 heights=heights,
+                half_width=half_width,
                 velocity=self._velocity,
                 status=self._status,
                 reason=self._reason,

@@ -35,7 +35,7 @@ from saltus.policy.evaluation.walking_routes import route
 from saltus.policy.evaluation.walks import HeightSourceFactory, Operator, WalkStep, walk
 from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.joints.walker import Walker
-from saltus.policy.mover import Jumper, Mover, feet_lines
+from saltus.policy.mover import FeetLines, Jumper, Mover
 from saltus.policy.planner import jumping_grid, jumping_planner
 from saltus.setup import Setup
 from saltus.sim.state import PlantState
@@ -124,8 +124,8 @@ class Task:
             places = setup.grid.places_of(policy.description.height_grid())
             movers: list[Mover] = [Walker(setup.robot, policy, places)]
             if self.kind in ("jump", "jump_stop"):
-                lines = feet_lines(setup.grid, jumping_grid(setup.robot))
-                movers.append(Jumper(setup.robot, jumping_planner(setup.robot), places=lines))
+                lines = FeetLines(setup.grid, jumping_grid(setup.robot))
+                movers.append(Jumper(setup.robot, jumping_planner(setup.robot), lines=lines))
             source = self.source(setup)
 
             def run(operator: Operator, here: Setup = setup) -> Iterator[WalkStep]:
