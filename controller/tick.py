@@ -26,7 +26,7 @@ from saltus.robots.robot import Robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.states import Measurement, RobotStates, Sensed, standing_state, states_of
 from saltus.straight_line import straight_line
-from saltus.symbols import Symbols, called
+from saltus.symbols import Symbols, noted_call
 from saltus.wire.messages import ControllerMode
 
 ALIKE = {
@@ -202,7 +202,7 @@ class NotedSolver(ExactSolver):
         stands = xp.stack([qp.contact] * 3, axis=-1).reshape((12,))
         hessian = xp.where(stands[:, None] & stands[None, :], qp.hessian, 0.0)[self._upper]
         gradient = xp.where(stands, qp.gradient, 0.0)
-        return called(self._forces_of, xp.concat([qp.contact, hessian, gradient]), 12)
+        return noted_call(self._forces_of, xp.concat([qp.contact, hessian, gradient]), 12)
 
     def _forces_of(self, fr: bool, fl: bool, rr: bool, rl: bool, *entries: float) -> list[float]:
         """Forces by the feet that stand and by upper triangle and gradient of the problem."""

@@ -34,7 +34,7 @@ from saltus.real2sim.screening.screen import screen
 from saltus.real2sim.search.search import search
 from saltus.real2sim.sensors import SENSORS, Sensor
 from saltus.real2sim.stacked_problem import RebasedProblem, StackedProblem, stackable
-from saltus.real2sim.verdict import Missing, Verdict, merge, resolved
+from saltus.real2sim.verdict import Missing, Verdict, merge, without_ruled_out
 from saltus.recordings.run_log import RunLog
 
 
@@ -236,7 +236,7 @@ def judge(
     if bad:
         verdict = merge((), log_faults=remarks)
     else:
-        findings = resolved(
+        findings = without_ruled_out(
             [comparison.findings for each in examinations for comparison in each.comparisons]
         )
         if not findings and not any(each.brief for each in examinations):

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.real2sim.problem.joints.candidates import knee_and_plateau
-from saltus.real2sim.problem.joints.drives import lost
+from saltus.real2sim.problem.joints.drives import lost_to_saturation
 from saltus.real2sim.problem.joints.problem import JointProblem
-from saltus.real2sim.problem.joints.torque_curve import Curve, delivered
+from saltus.real2sim.problem.joints.torque_curve import Curve, delivered_torque
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.search.findings import Findings, FoundEffect, Interval
 from saltus.real2sim.search.layout import STEP, Layout
@@ -172,7 +172,9 @@ def _without(problem: JointProblem, unknowns: Floats, pieces: _Pieces) -> tuple[
                 np.median(unknowns[pieces.blocks[j], column], axis=0),
                 pieces.corners[j, 1],
             )
-            missing = np.concatenate([[0.0], lost(pieces.corners[j] + spacing, *fitted)])
+            missing = np.concatenate(
+                [[0.0], lost_to_saturation(pieces.corners[j] + spacing, *fitted)]
+            )
             # By how much the slope falls at each corner
             falls[j] = np.diff(np.diff(missing) / spacing, prepend=0.0)
     return rest, np.array([falls[j, k] for j, k in pieces.of])
@@ -196,7 +198,7 @@ def _moved(effect: FoundEffect, curve: Curve, limit: float) -> dict[str, Interva
     """
     params = {}
     for name, value in knee_and_plateau(
-        lambda torque: torque - delivered(curve, torque), limit
+        lambda torque: torque - delivered_torque(curve, torque), limit
     ).items():
         before = effect.params[name]
         half_width = float(
@@ -211,7 +213,7 @@ def _moved(effect: FoundEffect, curve: Curve, limit: float) -> dict[str, Interva
 def _drawn(fitted: Floats, reach: float) -> Curve:
     """A law as a curve of few points: where it is farthest from the curve so far comes the next."""
     asked = np.linspace(0.0, reach, FINEST + 1)
-    given = asked - lost(asked, *fitted)
+    given = asked - lost_to_saturation(asked, *fitted)
     chosen = [0, FINEST]
     while True:
         apart = np.abs(np.interp(asked, asked[chosen], given[chosen]) - given)

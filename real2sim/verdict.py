@@ -174,7 +174,7 @@ MARGIN = 1.5
 size, which doubles the gain in nats."""
 
 
-def resolved(findings: Sequence[Findings]) -> tuple[Findings, ...]:
+def without_ruled_out(findings: Sequence[Findings]) -> tuple[Findings, ...]:
     """Findings without the effects that other findings rule out.
 
     A set of one effect becomes a name.

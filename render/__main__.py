@@ -75,7 +75,7 @@ def build(context: ProcessContext) -> CameraProcess:
     )
 
 
-def warmed(context: ProcessContext) -> CameraProcess:
+def warmed_camera(context: ProcessContext) -> CameraProcess:
     """The camera of a run, after an image of the robot in its stand pose that nobody gets.
 
     The first image of a process takes 0.14 s of processor time where another one takes 5 ms, and
@@ -98,7 +98,7 @@ def body(context: ProcessContext) -> None:
     if context.config.pace == "lockstep":
         run_lockstep(context, build(context))
     else:
-        run_realtime(context, warmed(context))
+        run_realtime(context, warmed_camera(context))
 
 
 def run_lockstep(context: ProcessContext, camera: CameraProcess) -> None:

@@ -275,7 +275,7 @@ _NAMESPACE = SimpleNamespace(
 )  # fmt: skip
 
 
-def called(function: Callable[..., Sequence[float]], arguments: Symbols, count: int) -> Symbols:
+def noted_call(function: Callable[..., Sequence[float]], arguments: Symbols, count: int) -> Symbols:
     """Symbols of the floats that a function returns which cannot be noted itself.
 
     Args:

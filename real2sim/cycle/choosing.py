@@ -77,7 +77,7 @@ def choose(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> Choi
     trained = [kind for kind in MODELS if folder.model(kind) is not None]
     files = {kind: folder.model(kind) for kind in trained}
     names = trials.names_of(files, settings.loop.robot)
-    known = chosen(folder)
+    known = read_choice(folder)
     choice = known if known is not None and known.models == names else Choice(models=names)
     pairs = pairs_of(trained, with_drives=finds_drives(folder))
     done, total = 0.0, len(pairs) * len(trials.COURSES) * settings.choice_trials
@@ -127,7 +127,7 @@ def finds_drives(folder: CycleFolder) -> bool:
     return any(before.get(effect.name) != after.get(effect.name) for effect in KNOWN)
 
 
-def chosen(folder: CycleFolder) -> Choice | None:
+def read_choice(folder: CycleFolder) -> Choice | None:
     """Reads what was tried so far; None where nothing was."""
     return (
         from_table(Choice, json.loads(folder.choice.read_text(encoding="utf-8")))
@@ -138,13 +138,13 @@ def chosen(folder: CycleFolder) -> Choice | None:
 
 def taken_models(folder: CycleFolder) -> tuple[ModelKind, ...]:
     """Kinds of the trained models that are taken; before the choice all that there are."""
-    choice = chosen(folder)
+    choice = read_choice(folder)
     return MODELS if choice is None else choice.taken
 
 
 def known_after(folder: CycleFolder) -> Path:
     """The profile that the leg controller knows after the search."""
-    choice = chosen(folder)
+    choice = read_choice(folder)
     return (
         folder.profile
         if choice is None or not finds_drives(folder) or DRIVES in choice.best

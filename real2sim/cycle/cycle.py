@@ -9,7 +9,7 @@ from saltus import gpu
 from saltus.files import write_whole
 from saltus.real2sim.cycle import choosing, elsewhere, finding, measuring, training, trials
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
-from saltus.real2sim.cycle.report import trained, write_cycle_report
+from saltus.real2sim.cycle.report import training_results, write_cycle_report
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.reporting.words import sentence
 from saltus.used_networks import ModelKind
@@ -85,7 +85,7 @@ class CycleRun:
     def _train(self, take: Path | None) -> None:
         if take is not None:
             taken = elsewhere.take_training(self.folder, self.settings, take)
-            before = trained(self.folder) or dict.fromkeys(MODELS, "as shipped")
+            before = training_results(self.folder) or dict.fromkeys(MODELS, "as shipped")
             self._trained(before | dict.fromkeys(taken, "trained elsewhere"))
         elif self.folder.trained.exists():
             self.observer.say("training: done before")

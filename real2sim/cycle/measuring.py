@@ -37,7 +37,7 @@ class Measured:
         return list(self.failures.values()).count("")
 
 
-def measured(folder: CycleFolder, when: When, course: str) -> Measured | None:
+def read_measurement(folder: CycleFolder, when: When, course: str) -> Measured | None:
     """Reads what was measured so far; None where nothing was."""
     path = _file(folder, when, course)
     return (
@@ -53,7 +53,7 @@ def measure(
     """Runs the trials that are still missing of a course, and writes them down batch by batch."""
     models = models_of(folder, when)
     names = names_of(models, settings.loop.robot)
-    known = measured(folder, when, course)
+    known = read_measurement(folder, when, course)
     if known is None or known.models != names:  # of a training that was taken in another's place
         known = Measured(models=names, failures={})
     done = float(len(known.failures))

@@ -18,7 +18,7 @@ from saltus.heightmap.data.shards import read_records
 from saltus.policy.evaluation.evaluate import merged, success_interval
 from saltus.policy.evaluation.pictures import picture_strip
 from saltus.provenance import commit
-from saltus.real2sim.cycle.choosing import DRIVES, chosen, verdict
+from saltus.real2sim.cycle.choosing import DRIVES, read_choice, verdict
 from saltus.real2sim.cycle.finding import gaps_of, not_applied
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
 from saltus.real2sim.cycle.hidden_and_found import TruthRow, rows_of
@@ -28,8 +28,8 @@ from saltus.real2sim.cycle.measuring import (
     Measured,
     When,
     known_of,
-    measured,
     models_of,
+    read_measurement,
 )
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.cycle.trials import COURSES, run_trials, trials_of
@@ -44,7 +44,7 @@ Courses = dict[str, dict[When, Measured]]
 
 def results(folder: CycleFolder) -> dict[str, object]:
     """Returns what a program would read of a cycle."""
-    courses, choice = _courses(folder), chosen(folder)
+    courses, choice = _courses(folder), read_choice(folder)
     return {
         "report": str(folder.report),
         "profile": str(folder.profile),
@@ -52,7 +52,7 @@ def results(folder: CycleFolder) -> dict[str, object]:
         "again": _verdict(folder.again),
         "effects": [asdict(row) for row in rows_of(folder)],
         "not_applied": not_applied(folder),
-        "models": trained(folder),
+        "models": training_results(folder),
         "choice": None
         if choice is None
         else asdict(choice) | {"taken": choice.taken, "drives": DRIVES in choice.best},
@@ -70,7 +70,7 @@ def results(folder: CycleFolder) -> dict[str, object]:
     }
 
 
-def trained(folder: CycleFolder) -> dict[ModelKind, str]:
+def training_results(folder: CycleFolder) -> dict[ModelKind, str]:
     """Reads what became of each model; nothing where training is not over."""
     became: dict[ModelKind, str] = (
         json.loads(folder.trained.read_text(encoding="utf-8")) if folder.trained.exists() else {}
@@ -99,12 +99,12 @@ def write_cycle_report(folder: CycleFolder, settings: CycleSettings) -> None:
         found=_words(found),
         again=_words(again) if again else "",
         gaps=gap_figure(shown) if shown else None,
-        trained=trained(folder),
+        trained=training_results(folder),
         data_ticks=sum(record.ticks for record in read_records(folder.dataset))
         if folder.dataset.exists()
         else None,
         updates=settings.predictor.updates,
-        choice=chosen(folder),
+        choice=read_choice(folder),
         course_names=tuple(COURSES),
         named=_named,
         choices=_choices(folder),
@@ -126,7 +126,8 @@ def write_cycle_report(folder: CycleFolder, settings: CycleSettings) -> None:
 def _courses(folder: CycleFolder) -> Courses:
     """Returns what was measured so far."""
     pairs = {
-        course: {when: measured(folder, when, course) for when in MOMENTS} for course in COURSES
+        course: {when: read_measurement(folder, when, course) for when in MOMENTS}
+        for course in COURSES
     }
     return {
         course: known
@@ -176,7 +177,7 @@ def _cells(row: TruthRow) -> tuple[str, ...]:
 
 def _choices(folder: CycleFolder) -> str:
     """Which of the trained models were taken, and why."""
-    choice = chosen(folder)
+    choice = read_choice(folder)
     if choice is None:
         return ""
     said = [

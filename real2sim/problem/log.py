@@ -185,7 +185,7 @@ def clocks(log: RunLog) -> dict[str, Floats]:
     }
 
 
-def commanded(log: RunLog) -> Floats:
+def commanded_torque(log: RunLog) -> Floats:
     """The commands' part of the drives' torque:
     kp q_des + kd dq_des + tau_ff [Nm], shape (rows, joints).
     """
@@ -206,7 +206,7 @@ def drive_torque(log: RunLog) -> Floats:
     shape (rows, joints).
     """
     kp, kd = gains_in_force(log)
-    return np.asarray(commanded(log) - kp * log.joints.q - kd * rates(log.joints))
+    return np.asarray(commanded_torque(log) - kp * log.joints.q - kd * rates(log.joints))
 
 
 def boxes_of(log: RunLog) -> Boxes:

@@ -16,7 +16,7 @@ from scipy.stats import t as student
 
 from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.camera.rays import expected_depth
-from saltus.real2sim.problem.log import commanded, gains, has_changing_gains, untold
+from saltus.real2sim.problem.log import commanded_torque, gains, has_changing_gains, untold
 from saltus.recordings.run_log import RunLog, Table
 
 # Offsets that are tried: some lead, and the largest latency of a camera on a robot
@@ -230,7 +230,7 @@ def _torque_on_command(log: RunLog) -> ClockOffset | None:
     joints = log.joints
     if joints.tau_est is None or joints.dq is None or untold(log) or has_changing_gains(log):
         return None
-    (kp, kd), command = gains(log), commanded(log)
+    (kp, kd), command = gains(log), commanded_torque(log)
     moved = np.ptp(command, axis=0) > 0
     if not moved.any():
         return None

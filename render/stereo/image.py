@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from saltus.arrays import Floats, Images, Masks, Scalars, namespace
-from saltus.effects.fields import around
+from saltus.effects.fields import extreme_around
 from saltus.render.stereo.optics import Optics
 
 
@@ -37,12 +37,12 @@ class ArrayWindows:
 
     def any_around(self, mask: Masks, rows: int, columns: int) -> Masks:
         """See `Morphology`."""
-        return around(mask, rows, columns, namespace(mask).logical_or)
+        return extreme_around(mask, rows, columns, namespace(mask).logical_or)
 
     def range_around(self, values: Images) -> tuple[Images, Images]:
         """See `Morphology`."""
         xp = namespace(values)
-        return around(values, 1, 1, xp.minimum), around(values, 1, 1, xp.maximum)
+        return extreme_around(values, 1, 1, xp.minimum), extreme_around(values, 1, 1, xp.maximum)
 
 
 ARRAY_WINDOWS = ArrayWindows()

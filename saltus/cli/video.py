@@ -11,7 +11,7 @@ from saltus.recordings.recording import Recording
 from saltus.recordings.report import RunData, collect
 from saltus.sim.video import FPS, render_run
 from saltus.sim.video import write_video as encode
-from saltus.watch.pictures import BESIDE, beside
+from saltus.watch.pictures import BESIDE, video_panel
 from saltus.watch.source import RecordedRun
 from saltus.wire.messages import HeightmapStatus
 
@@ -54,7 +54,7 @@ def write_video(recording: Recording, path: Path) -> None:
         np.hstack(
             [
                 frame,
-                beside(
+                video_panel(
                     run.world,
                     run.at_ns(data.start_ns + round(1e9 * (data.time_s[0] + number / FPS))),
                 ),

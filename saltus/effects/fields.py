@@ -175,7 +175,9 @@ def windowed_extreme(
     )
 
 
-def around(values: Array, rows: int, columns: int, pick: Callable[[Array, Array], Array]) -> Array:
+def extreme_around(
+    values: Array, rows: int, columns: int, pick: Callable[[Array, Array], Array]
+) -> Array:
     """Extreme within `rows` and `columns` of each sample.
 
     What lies beyond the border counts as the border does.
@@ -187,7 +189,7 @@ def around(values: Array, rows: int, columns: int, pick: Callable[[Array, Array]
 
 
 def mean_around(values: Array, rows: int, columns: int) -> Array:
-    """Mean within `rows` and `columns` of each sample; borders as in `around`."""
+    """Mean within `rows` and `columns` of each sample; borders as in `extreme_around`."""
     total = windowed_sum(padded(values, rows, -2), 2 * rows + 1, -2)
     total = windowed_sum(padded(total, columns, -1), 2 * columns + 1, -1)
     return total * (1.0 / ((2 * rows + 1) * (2 * columns + 1)))

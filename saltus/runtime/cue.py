@@ -27,7 +27,7 @@ def say_loaded() -> None:
         os.write(_LINE, LOADED)
 
 
-def told(wait_s: float = 0.0) -> bool | None:
+def may_begin(wait_s: float = 0.0) -> bool | None:
     """True where it should begin: None while nothing has been said,
     False where the supervisor is gone.
     """
@@ -45,7 +45,7 @@ def await_cue(stopped: Callable[[], bool]) -> bool:
     """
     say_loaded()
     while not stopped():
-        begin = told(LOOK_S)
+        begin = may_begin(LOOK_S)
         if begin is not None:
             return begin
     return False

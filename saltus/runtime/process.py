@@ -112,7 +112,7 @@ class ProcessContext:
             sys.stdout.flush()
 
     def _look_for_cue(self) -> None:
-        begin = cue.told()
+        begin = cue.may_begin()
         if begin:
             self._begin()
         elif begin is not None:

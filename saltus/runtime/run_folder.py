@@ -32,7 +32,7 @@ def write_run(run_dir: Path, run_config: RunConfig, setup: Setup) -> None:
 
 
 def read_run(run_dir: Path) -> RunFolder:
-    """Reads them.
+    """Reads configuration and setup of the run in a folder.
 
     Raises:
         ConfigError: one cannot be read.

@@ -68,7 +68,7 @@ def curves(heights: HeightsInWorld, scene: Scene) -> tuple[NDArray[np.float64], 
     )
 
 
-def beside(world: World, scene: Scene) -> Picture:
+def video_panel(world: World, scene: Scene) -> Picture:
     """Time and speed, the depth image and the heights of a scene, for a video.
 
     Shape (720, 416, 3), RGB.

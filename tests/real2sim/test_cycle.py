@@ -260,11 +260,11 @@ def test_what_is_done_is_not_repeated(
     capsys.readouterr()
     results(run, capsys)
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
-    first = measuring.measured(measuring.CycleFolder(run, ROBOT), "before", GAP)
+    first = measuring.read_measurement(measuring.CycleFolder(run, ROBOT), "before", GAP)
     more = results(run, capsys, "--trials", "2", "--choice-trials", "2")
     assert more["courses"][GAP]["before"]["trials"] == 2
     assert all(row[GAP]["trials"] == 2 for row in more["choice"]["tallies"].values())
-    second = measuring.measured(measuring.CycleFolder(run, ROBOT), "before", GAP)
+    second = measuring.read_measurement(measuring.CycleFolder(run, ROBOT), "before", GAP)
     assert first is not None
     assert second is not None
     assert second.failures.items() > first.failures.items()

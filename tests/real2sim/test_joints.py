@@ -20,9 +20,9 @@ from saltus.effects.profile import EFFECTS
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.joints import motion as joint_motion
 from saltus.real2sim.problem.joints.candidates import KINDS, LOOP_RATE, Reach
-from saltus.real2sim.problem.joints.drives import Drives, lost
+from saltus.real2sim.problem.joints.drives import Drives, lost_to_saturation
 from saltus.real2sim.problem.joints.excitation import _step
-from saltus.real2sim.problem.joints.mechanics import rubbed
+from saltus.real2sim.problem.joints.mechanics import slowed_by_friction
 from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.problem.joints.replay import replay
 from saltus.real2sim.saturation_curve import _fitted, _Pieces
@@ -210,7 +210,9 @@ def test_bristles_hold_like_springs_until_they_give_way(bend: float) -> None:
         place, velocity, impulse, bent = (np.zeros(shape) for _ in range(4))
         for _ in range(1000):
             free = velocity + dt * (push - 0.3 * velocity) / mass
-            velocity = rubbed(free, inverse, np.full(shape, dt * level), impulse, give, bent)
+            velocity = slowed_by_friction(
+                free, inverse, np.full(shape, dt * level), impulse, give, bent
+            )
             bent, place = give * impulse, place + dt * velocity
         ends.append((float(place.item()), float(velocity.item())))
     assert ends[0] == pytest.approx((0.6 * bend, 0.0), rel=1e-3, abs=1e-7)
@@ -314,18 +316,22 @@ def test_a_rounded_corner_follows_the_dynamometer() -> None:
     torque = np.linspace(0.5, 35.0, 200)
     table = np.interp(torque, asked, given)
     fit = least_squares(
-        lambda x: torque - lost(torque, *x) - table, x0=[0.4, 12.0, 1.0], bounds=(0.0, 40.0)
+        lambda x: torque - lost_to_saturation(torque, *x) - table,
+        x0=[0.4, 12.0, 1.0],
+        bounds=(0.0, 40.0),
     )
-    assert np.max(np.abs((torque - lost(torque, *fit.x)) / table - 1.0)) < 0.05
+    assert np.max(np.abs((torque - lost_to_saturation(torque, *fit.x)) / table - 1.0)) < 0.05
 
 
 @pytest.mark.parametrize("level", [8.0, 15.0, 30.0])
 def test_one_law_has_a_tanh_and_a_sharp_corner_at_its_ends(level: float) -> None:
     torque = np.linspace(0.0, 40.0, 200)
     tanh = torque - level * np.tanh(torque / level)
-    np.testing.assert_allclose(lost(torque, 1.0, 1e-3 * level, 0.5 * level), tanh, atol=1e-4)
+    np.testing.assert_allclose(
+        lost_to_saturation(torque, 1.0, 1e-3 * level, 0.5 * level), tanh, atol=1e-4
+    )
     sharp = 0.4 * np.maximum(torque - level, 0.0)
-    np.testing.assert_allclose(lost(torque, 0.4, level, 1e-3), sharp, atol=1e-3)
+    np.testing.assert_allclose(lost_to_saturation(torque, 0.4, level, 1e-3), sharp, atol=1e-3)
 
 
 @pytest.mark.parametrize("rounding", [0.05, 1.0, 20.0])
@@ -335,7 +341,7 @@ def test_a_small_torque_is_delivered_in_full_and_more_command_gives_more(
 ) -> None:
     """Else a saturation could pass for a drive that is weak at every torque."""
     torque = np.linspace(0.0, 40.0, 4001)
-    loss = lost(torque, 1.0, corner, rounding)
+    loss = lost_to_saturation(torque, 1.0, corner, rounding)
     assert loss[0] == 0.0
     share = np.diff(loss) / np.diff(torque)
     assert abs(share[0]) < 1e-3

@@ -25,8 +25,8 @@ from saltus.real2sim.patch import (
     patch_from_toml,
     supported,
 )
-from saltus.real2sim.pipeline import resolved
-from saltus.real2sim.problem.joints.torque_curve import as_knee, delivered
+from saltus.real2sim.pipeline import without_ruled_out
+from saltus.real2sim.problem.joints.torque_curve import as_knee, delivered_torque
 from saltus.real2sim.search.findings import Findings, FoundEffect, Interval, SignalGap
 from saltus.robots.robot import JOINTS
 
@@ -169,7 +169,9 @@ def test_a_curve_is_that_of_its_joints_and_leaves_the_others() -> None:
     (after,) = Profile.from_toml(applied.to_toml()).actuator
     assert isinstance(after, TorqueSaturation)
     torque = np.linspace(0.0, 40.0, 81)[:, None] * np.ones(12)
-    expected = np.where(np.arange(12) % 3 == 2, delivered(curve, torque), before.delivered(torque))
+    expected = np.where(
+        np.arange(12) % 3 == 2, delivered_torque(curve, torque), before.delivered(torque)
+    )
     np.testing.assert_allclose(after.fitted(ROBOT).delivered(torque), expected, atol=1e-3)
 
 
@@ -262,11 +264,11 @@ def test_a_log_that_names_one_of_a_set_resolves_the_set_of_another() -> None:
     )
     delay = found("command_delay", "all", delay=0.004)
     sure = Findings(problem="joints", verdict="named", effects=(delay,), gaps=TESTED)
-    first, second = resolved((unsure, sure))
+    first, second = without_ruled_out((unsure, sure))
     assert first.sets == ()
     assert first.verdict == "named"
     assert (second.sets, second.verdict, second.effects) == (sure.sets, sure.verdict, sure.effects)
-    (alone,) = resolved((unsure,))
+    (alone,) = without_ruled_out((unsure,))
     assert (alone.sets, alone.verdict) == (unsure.sets, "set")
 
 

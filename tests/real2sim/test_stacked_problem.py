@@ -11,7 +11,7 @@ from saltus.real2sim.problem.problem import Coordinates, Estimate
 from saltus.real2sim.search.findings import Findings, FoundEffect, Interval, SignalGap
 from saltus.real2sim.search.search import search
 from saltus.real2sim.stacked_problem import StackedProblem, stackable
-from saltus.real2sim.verdict import resolved
+from saltus.real2sim.verdict import without_ruled_out
 
 HIDDEN = {("e1", where, block): 3.0 for where, block in itertools.product(WHERES, ("FR", "FL"))}
 LATER_S = 20.0
@@ -99,7 +99,7 @@ def test_an_effect_that_another_sensor_would_have_shown_is_ruled_out(
 ) -> None:
     sizes = {"torque_gain": Estimate(value=gain, unit="")}
     held = Findings(problem="joints", verdict="no_gap", minimum_detectable=sizes)
-    body, joints = resolved((UNSURE, held))
+    body, joints = without_ruled_out((UNSURE, held))
     assert (body.verdict, [effect.name for effect in body.effects]) == (verdict, names)
     assert joints.verdict == "no_gap"
 
@@ -107,7 +107,7 @@ def test_an_effect_that_another_sensor_would_have_shown_is_ruled_out(
 def test_who_has_a_gap_of_its_own_rules_nothing_out() -> None:
     sizes = {"torque_gain": Estimate(value=1.001, unit="")}
     lost = Findings(problem="joints", verdict="unexplained", minimum_detectable=sizes)
-    assert resolved((UNSURE, lost))[0].verdict == "set"
+    assert without_ruled_out((UNSURE, lost))[0].verdict == "set"
 
 
 def test_evidence_of_two_logs_decides_between_effects_that_are_alike_in_both() -> None:

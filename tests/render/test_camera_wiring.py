@@ -12,7 +12,7 @@ from stage import Stage
 
 from saltus.config import Pace, RunConfig, TerrainConfig
 from saltus.depth_camera import SHIPPED
-from saltus.render.__main__ import body, build, warmed
+from saltus.render.__main__ import body, build, warmed_camera
 from saltus.render.exposure import PerfectExposure, StereoExposure
 from saltus.wire.messages import DepthFrame, Done, GroundTruth
 
@@ -79,7 +79,7 @@ def test_the_image_that_warms_a_camera_up_leaves_no_trace(
     for kind in (PerfectExposure, StereoExposure):
         monkeypatch.setattr(kind, "expose", _noting(kind.expose, seen))
     with CameraStage("lockstep", tmp_path, camera) as stage:
-        cold, warm = build(stage.context), warmed(stage.context)
+        cold, warm = build(stage.context), warmed_camera(stage.context)
         assert len(seen) == 1  # nobody's, before the first of the run
         for step in range(30):
             truth = level_truth(step, 0.01 * step, 0.3)

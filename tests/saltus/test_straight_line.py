@@ -10,7 +10,7 @@ import pytest
 
 from saltus.arrays import Array, namespace
 from saltus.straight_line import straight_line
-from saltus.symbols import called
+from saltus.symbols import noted_call
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,7 +83,7 @@ def test_a_branch_computes_for_itself_alone():
         root = a
         for _ in range(20):
             root = xp.sqrt(root) * root
-        return xp.where(a[0] >= 0.0, root, a), called(halves, a, 2)
+        return xp.where(a[0] >= 0.0, root, a), noted_call(halves, a, 2)
 
     kept, half = straight_line(law, np.zeros(2))(np.array([-1.0, -4.0]))
     assert (kept.tolist(), half.tolist(), calls) == ([-1.0, -4.0], [-0.5, -2.0], [(-1.0, -4.0)])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from recorded import STEPS, run_samples, write
 
-from saltus.watch.pictures import BESIDE, INK, PALETTE, PREDICTED, TRUE, UNTRUSTED, beside
+from saltus.watch.pictures import BESIDE, INK, PALETTE, PREDICTED, TRUE, UNTRUSTED, video_panel
 from saltus.watch.scene import Scene
 from saltus.watch.source import RecordedRun
 from saltus.wire.messages import HeightmapStatus
@@ -22,13 +22,13 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> RecordedRun:
 
 
 def pixels(run: RecordedRun, scene: Scene, colour: tuple[int, int, int]) -> int:
-    page = beside(run.world, scene)
+    page = video_panel(run.world, scene)
     assert page.shape == (BESIDE[1], BESIDE[0], 3)
     return int((page == colour).all(axis=-1).sum())
 
 
 def test_every_scene_has_a_page_of_the_same_size(run: RecordedRun) -> None:
-    pages = [beside(run.world, run.at(0.01 * step)) for step in range(STEPS)]
+    pages = [video_panel(run.world, run.at(0.01 * step)) for step in range(STEPS)]
     assert {page.shape for page in pages} == {(BESIDE[1], BESIDE[0], 3)}
     assert len({page.tobytes() for page in pages}) == STEPS  # time goes on
 

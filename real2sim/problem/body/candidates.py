@@ -18,7 +18,7 @@ from saltus.effects.body import (
 )
 from saltus.effects.motors import LOSS_AT_KNEE, TorqueSaturation
 from saltus.real2sim.problem.body.replay import Rig
-from saltus.real2sim.problem.joints.candidates import beside
+from saltus.real2sim.problem.joints.candidates import saturation_beside
 from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown, candidate, sought
 from saltus.recordings.run_log import RunLog
 
@@ -192,7 +192,7 @@ def on_top_of(saturation: TorqueSaturation, candidate: Candidate, limit: float) 
     def known(torque: Floats) -> Floats:
         return np.asarray(torque - saturation.delivered(np.tile(torque[:, None], 12))[:, CALF])
 
-    return beside(
+    return saturation_beside(
         candidate,
         known,
         lambda torque, loss, corner: loss * np.maximum(torque - corner, 0.0),

@@ -15,7 +15,7 @@ from saltus.arrays import Floats, Indices
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.errors import RecordingError
 from saltus.real2sim.problem import rotations
-from saltus.real2sim.problem.log import commanded, gains, sampled
+from saltus.real2sim.problem.log import commanded_torque, gains, sampled
 from saltus.real2sim.problem.problem import Segment
 from saltus.recordings.run_log import RunLog
 
@@ -97,7 +97,7 @@ class Track:
 def body_windows(log: RunLog, segments: Sequence[Segment]) -> BodyWindows:
     """Cuts a log with a measured base; `RecordingError` where no segment of it is long enough."""
     kp, kd = gains(log)
-    drive = commanded(log)
+    drive = commanded_torque(log)
     starts = _starts(segments)
     tracks = {i: on_time(track(log, segments[i])) for i in {segment for segment, _ in starts}}
     parts = []

@@ -367,7 +367,7 @@ def knee_and_plateau(taken: Callable[[Floats], Floats], limit: float) -> dict[st
     return {"knee": knee, "plateau": plateau}
 
 
-def beside(
+def saturation_beside(
     candidate: Candidate, known: Callable[[Floats], Floats], law: Law, limit: float
 ) -> Candidate:
     """The candidate of a saturation whose law adds to a known one.

@@ -50,7 +50,7 @@ class Drives:
     """Weight, corner, and from there to the no-load speed [rad/s]."""
     torque_saturation: tuple[Floats, Floats, Floats] | None = None
     """Slope that is lost, the torque from which on, and how rounded that corner is [Nm]; see
-    `lost`."""
+    `lost_to_saturation`."""
     torque_gain: Floats | None = None
     """Less 1."""
     battery_sag: Floats | None = None
@@ -212,7 +212,7 @@ class Drives:
         missing = (
             np.zeros(())
             if self.torque_saturation is None
-            else lost(magnitude, *self.torque_saturation)
+            else lost_to_saturation(magnitude, *self.torque_saturation)
         )
         for slope, corner in self.kinks:
             missing = missing + slope * np.maximum(magnitude - corner, 0.0)
@@ -259,7 +259,7 @@ class Drives:
         return held, np.where(falls, slope, 0.0) if falls.any() else None
 
 
-def lost(torque: Floats, slope: Floats, corner: Floats, rounding: Floats) -> Floats:
+def lost_to_saturation(torque: Floats, slope: Floats, corner: Floats, rounding: Floats) -> Floats:
     """Torque [Nm] that saturation takes from a torque >= 0:
     none at 0, in the end `slope` times what is above `corner`.
 

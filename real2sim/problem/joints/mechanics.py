@@ -55,7 +55,7 @@ def accelerated(inverse: Floats, torque: Floats) -> Floats:
     return np.ascontiguousarray(total.transpose(1, 2, 0, 3))
 
 
-def rubbed(
+def slowed_by_friction(
     velocity: Floats,
     inverse: Floats,
     limit: Floats,

@@ -144,7 +144,7 @@ def _rest(samples: Floats, length: int) -> Floats:
     return np.asarray(rest.reshape(-1, PIECE, *samples.shape[1:]))
 
 
-def repeated(
+def noise_of_repeats(
     time_s: Floats, rows: Floats, commands: Floats, segments: tuple[Segment, ...], averaged: int
 ) -> list[Floats]:
     """Pieces of noise from what is commanded twice:

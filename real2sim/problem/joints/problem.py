@@ -15,8 +15,13 @@ from saltus.arrays import Floats, Indices
 from saltus.effects.motors import TorqueSaturation, TorqueSpeedLimit
 from saltus.effects.profile import Profile
 from saltus.errors import RecordingError
-from saltus.real2sim.problem.joints.candidates import JointCandidates, beside
-from saltus.real2sim.problem.joints.drives import Drives, Kinks, lost, saturation_loss
+from saltus.real2sim.problem.joints.candidates import JointCandidates, saturation_beside
+from saltus.real2sim.problem.joints.drives import (
+    Drives,
+    Kinks,
+    lost_to_saturation,
+    saturation_loss,
+)
 from saltus.real2sim.problem.joints.excitation import Grid, encoder_steps, reach_of, untestable
 from saltus.real2sim.problem.joints.motion import (
     motions_of,
@@ -26,8 +31,8 @@ from saltus.real2sim.problem.joints.motion import (
 )
 from saltus.real2sim.problem.joints.noise import (
     Whitening,
+    noise_of_repeats,
     quieter,
-    repeated,
     smooth_left_out,
     whitening,
 )
@@ -184,10 +189,10 @@ class JointProblem(Problem):
             if candidate.effect != "torque_saturation":
                 return candidate
             place = places.index(candidate.where)
-            return beside(
+            return saturation_beside(
                 candidate,
                 partial(saturation_loss, self._assumed, place),
-                lost,
+                lost_to_saturation,
                 float(self.limit[place]),
             )
 
@@ -294,7 +299,7 @@ class JointProblem(Problem):
         )
         rows, branches = self._rows, self._robot.branches
         signals = np.stack([getattr(rows, s)[:, branches] for s in self._signals], axis=1)
-        pieces = repeated(
+        pieces = noise_of_repeats(
             rows.time_s, np.nan_to_num(signals), self._asked, self.segments, self._averaged
         )
         # an encoder that hunts between two steps does so differently each time: there all pieces

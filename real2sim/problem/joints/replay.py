@@ -18,7 +18,7 @@ from saltus.real2sim.problem.joints.mechanics import (
     Sway,
     accelerated,
     inverses_of,
-    rubbed,
+    slowed_by_friction,
     with_inertia,
 )
 
@@ -260,9 +260,11 @@ class _Simulation:
         """Velocities after dry friction of a level [Nm] has acted for a step."""
         dt, bend = self._motion.dt_s, self._drives.bristles
         if bend is None:
-            return rubbed(velocity, inverse, dt * level, self._impulse)
+            return slowed_by_friction(velocity, inverse, dt * level, self._impulse)
         give = bend / (np.maximum(level, LEAST_LEVEL) * dt**2)
-        velocity = rubbed(velocity, inverse, dt * level, self._impulse, give, self._bent)
+        velocity = slowed_by_friction(
+            velocity, inverse, dt * level, self._impulse, give, self._bent
+        )
         self._bent = give * self._impulse
         return velocity
 

@@ -23,7 +23,7 @@ BEYOND_NM = 5.0
 on."""
 
 
-def delivered(curve: Curve, torque: Floats) -> Floats:
+def delivered_torque(curve: Curve, torque: Floats) -> Floats:
     """Delivered torque for a commanded one >= 0 [Nm].
 
     Beyond its last point a curve goes on with its last slope.
@@ -82,7 +82,7 @@ def with_curve(
     points = np.unique(np.round([*points, points.max() + BEYOND_NM], DIGITS))
     commanded = points[points > 0.0, None] * scale  # (n, 12)
     given = np.array(before.delivered(commanded))
-    given[:, joints] = delivered(curve, commanded[:, joints])
+    given[:, joints] = delivered_torque(curve, commanded[:, joints])
     table = np.round(np.column_stack([points[points > 0.0], given / scale]), DIGITS)
     if np.ptp(table[:, 1:], axis=1).max() == 0.0:
         table = table[:, :2]

@@ -19,8 +19,13 @@ from saltus.effects.motors import TorqueSaturation
 from saltus.effects.profile import Profile
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.candidates import Claims, trunk_candidates
-from saltus.real2sim.problem.joints.candidates import LOOP_RATE, JointCandidates, Reach, beside
-from saltus.real2sim.problem.joints.drives import Kinks, lost, saturation_loss
+from saltus.real2sim.problem.joints.candidates import (
+    LOOP_RATE,
+    JointCandidates,
+    Reach,
+    saturation_beside,
+)
+from saltus.real2sim.problem.joints.drives import Kinks, lost_to_saturation, saturation_loss
 from saltus.real2sim.problem.joints.excitation import LEAST_SAG_S, MOST, NO_VOLTAGE
 from saltus.real2sim.problem.joints.torque_curve import corners_of
 from saltus.real2sim.problem.jumps.stretch import BASE, Balance, stretch_of
@@ -172,7 +177,7 @@ class JumpProblem(Problem):
         if candidate.effect != "torque_saturation":
             return placed
         known = partial(saturation_loss, self._assumed, place, legs=slice(leg, leg + 1))
-        return beside(placed, known, lost, float(self._limits[leg, place]))
+        return saturation_beside(placed, known, lost_to_saturation, float(self._limits[leg, place]))
 
     def _left(self, unknowns: Floats) -> Floats:
         """Returns what drives and bodies leave to explain, shape (n, b, 18)."""
