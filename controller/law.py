@@ -45,7 +45,8 @@ VELOCITY_STEP = Constant([1.0, 1.0, np.inf])
 """References are not taken to be further from the present velocity than this, yaw frame [m/s];
 original."""
 ANGULAR_STEP = Constant([np.inf, np.inf, 1.0])
-"""The same for angular velocities [rad/s]; original."""
+"""References are not taken to be further from the present angular velocity than this [rad/s];
+original."""
 HEADING_GAIN = 1.0
 """Yaw rate by heading error [1/s]: with the yaw gain of 10 1/s in stance this is far from
 oscillating."""

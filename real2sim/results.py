@@ -34,7 +34,7 @@ class Examination:
     lacking: dict[str, str] = field(default_factory=dict)
     """Sensors of which the log poses no problem, and why."""
     brief: dict[str, str] = field(default_factory=dict)
-    """Those of them of which the log shows too little to test anything."""
+    """Sensors in `lacking` of which the log shows too little to test anything, and why."""
     untestable: dict[str, str]
     """Effects that no sensor of the log shows, and why."""
     failures: tuple[str, ...] = ()

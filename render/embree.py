@@ -97,7 +97,7 @@ class EmbreeRenderer(Renderer):
         return depth
 
     def _hit(self, origin: Floats, rotation: Floats) -> NDArray[np.float32]:
-        """The same by rays."""
+        """Depth by rays [m]."""
         rays = self._buffer(len(origin))
         rays[..., :3] = origin[:, None, None, :]
         self._turn(rotation.astype(np.float32), rays[..., 3:])

@@ -76,7 +76,7 @@ class Scale:
 
     @classmethod
     def of(cls, images: Sequence[Depth]) -> "Scale":
-        """From the nearest to the farthest depth that some images have within the model's range."""
+        """The scale from the nearest to the farthest depth of images within the model's range."""
         depth = np.concatenate([image.ravel() for image in images])
         seen = depth[(depth > 0.0) & (depth <= RANGE_M)]
         far = float(seen.max(initial=0.0)) or RANGE_M
@@ -251,7 +251,7 @@ def for_network(depth: Depth, camera: Intrinsics) -> Depth:
 def cloud_figure(
     wide: StereoEmbree, camera: DepthCamera, robots: Poses, true: Depth, reported: Depth
 ) -> go.Figure:
-    """Both depth images as points in the world."""
+    """A figure of two depth images, true and reported, as points in the world."""
     origin, rotation = camera_pose(wide.mount, robots[0][EFFECTS_VIEW], robots[1][EFFECTS_VIEW])
     stride = math.ceil(math.sqrt(true.size / CLOUD_POINTS))
     rays = ray_directions(camera.matching)[::stride, ::stride] @ rotation.T

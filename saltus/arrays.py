@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 Floats: TypeAlias = NDArray[np.float64]
 """A numpy array of doubles; docstrings say its shape and unit."""
 Singles: TypeAlias = NDArray[np.float32]
-"""The same in single precision: what networks take and give, and what is kept of it on disk."""
+"""A numpy array in single precision: inputs and outputs of networks, and copies on disk."""
 Reals: TypeAlias = NDArray[np.floating]
 """A numpy array of either precision."""
 Indices: TypeAlias = NDArray[np.int64]
@@ -80,7 +80,7 @@ Levers: TypeAlias = Float[Array, "*batch 12 6"]
 BodyAccelerations: TypeAlias = Float[Array, "*batch 6"]
 """Linear and angular acceleration of each robot."""
 AccelerationPairs: TypeAlias = Float[Array, "*batch 2 3"]
-"""The same, one below the other."""
+"""Linear and angular acceleration of each robot, one below the other."""
 Images: TypeAlias = Shaped[Array, "*batch height width"]
 """An image for each robot."""
 Masks: TypeAlias = Bool[Array, "*batch height width"]

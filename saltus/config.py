@@ -148,7 +148,7 @@ class RunConfig:
         return self.speed if self.pace == "realtime" else LOCKSTEP_LINK_SPEED
 
     def check(self) -> None:
-        """To be called before a run begins, not where one is read:
+        """Raises what would make a run fail; called before one begins, not where one is read:
         older recordings may hold what was ignored then.
 
         Raises:

@@ -83,7 +83,7 @@ class DepthCamera(Value):
     image: Intrinsics
     """The image that it sends."""
     sensor: Intrinsics | None = None
-    """In which pixels the imagers match, where the image is a part of them."""
+    """Pixels in which the imagers match, where the image is a part of them."""
     stereo: dict[str, dict[str, float]] = field(default_factory=dict)
     """Parameters of the errors that are not those of a D435i
     (`saltus.render.stereo.camera.StereoConfig`)."""

@@ -15,7 +15,7 @@ Subcommands = Annotated[tyro.conf.OmitSubcommandPrefixes[Command], tyro.conf.arg
 
 
 def shown(metavar: str, default: str) -> object:
-    """For the annotation of a flag that is None by default:
+    """Help of a flag that is None by default, for its annotation:
     what it takes, and what holds without it.
     """
     return tyro.conf.arg(metavar=metavar, help_behavior_hint=f"(default: {default})")

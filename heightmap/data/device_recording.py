@@ -42,7 +42,7 @@ class RecordedBatch:
     state: Singles | None = None
     """Inputs of the policy besides heights, shape (n, ticks, some); where they are kept."""
     plan: Singles | None = None
-    """Its normalised plans on true heights, shape (n, ticks, 10); the same."""
+    """Normalised plans of the policy on true heights, shape (n, ticks, 10); where they are kept."""
 
     def episodes(self, camera: str) -> Iterator[Episode]:
         """All runs from a start to the next that are long enough,

@@ -37,7 +37,7 @@ class HeightScore:
     coverage90: float
     """Share of all points, unseen ones included, that lie in their 90 % interval."""
     coverage90_seen: float
-    """The same of the points that the camera ever saw."""
+    """Share of the points that the camera ever saw that lie in their 90 % interval."""
     nll: float
     """Mean negative log-likelihood of all points [nats, heights in metres], for a Laplace law with
     that interval."""
@@ -45,7 +45,7 @@ class HeightScore:
 
 
 FIGURES = tuple(field.name for field in fields(HeightScore) if field.name != "points")
-"""Those of a `HeightScore` that are means."""
+"""Names of the figures of a `HeightScore` that are means."""
 
 
 def score(runs: Sequence[HeldOutRun], predictor: str) -> HeightScore:

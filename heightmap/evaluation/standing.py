@@ -33,8 +33,8 @@ easier."""
 WIDEST_M = 0.02
 """Half of the 90 % interval, twice `MOST_OFF_M`."""
 SCAN_OFF_M, SCAN_WIDEST_M = 0.015, 0.03
-"""The same of a scan where it was seen: on all kinds of ground it is 16 mm off with half-widths of
-20 mm, on a real lab floor 7 (docs/scan.md)."""
+"""`MOST_OFF_M` and `WIDEST_M` of a scan, where it was seen: on all kinds of ground it is 16 mm off
+with half-widths of 20 mm, on a real lab floor 7 (docs/scan.md)."""
 SCAN_LATENCY_S = (0.02, 0.2)
 """Delays with which the scan's network was trained (`FlightSettings.latency_s`)."""
 PLACE = "the camera's place"

@@ -54,7 +54,7 @@ def proprioception_of(state: RobotState, legs: LegKinematics) -> Singles:
 
 @lru_cache(maxsize=16)
 def _law_of_one(legs: LegKinematics) -> Callable[[Proprioception], Floats]:
-    """The same law without arrays."""
+    """The law of the vector, compiled to floats without arrays."""
     return straight_line(partial(proprioception_of_states, legs=legs), ANY_STATES)
 
 

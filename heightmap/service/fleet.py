@@ -30,7 +30,8 @@ class RobotRequest:
     frame: DepthFrame | None
     """Image that has arrived since the robot last asked."""
     camera_boot: bytes | None
-    """The same for the process that sends the frames; None without a frame."""
+    """Drawn anew each time that the process which sends the frames is started; None without a
+    frame."""
     now_ns: int
     """The clock of the robot's run."""
     others: Mapping[str, Sample] = field(default_factory=dict)
@@ -60,7 +61,7 @@ class _Robot:
 
     @property
     def services(self) -> list[HeightmapService]:
-        """Both."""
+        """The service in use, and the coming one if there is one."""
         return [self.service] if self.coming is None else [self.service, self.coming]
 
     def accept(self, arrival: RobotRequest) -> None:

@@ -34,10 +34,10 @@ class CurriculumSettings:
     irregular: float = 0.0
     hurdles: float = 0.0
     ditch: float = 0.0
-    """The same for kinds that are left out unless they are asked for, see
+    """Share of this kind and of the five above, which are left out unless they are asked for, see
     `saltus.terrain.law.KINDS`."""
     own: Annotated[dict[str, float], shown("NAME SHARE ...", "none")] = field(default_factory=dict)
-    """The same for ramp_up, ramp_down, and families of your own, by name.
+    """Share of ramp_up, ramp_down, and of families of your own, by name.
 
     See `saltus.terrain.own`.
     """

@@ -100,22 +100,22 @@ class LearningSettings:
     """KL divergence between policies before and after an update that the learning rate is adapted
     to, at first."""
     last_kl: float = 0.01
-    """The same from iteration `entropy_iterations` on; between them it falls geometrically."""
+    """`desired_kl` from iteration `entropy_iterations` on; before, it falls geometrically."""
     max_grad_norm: float = 1.0
     """Longer gradients are shortened."""
     first_std: float = 0.4
     """First standard deviation of the action, in units of half its range; original 0.5, for
     narrower ranges."""
     first_lift_std: float = 0.25
-    """The same of the feet's lift, whose range is wide for the sake of the highest steps: 0.15
-    m."""
+    """First standard deviation of the feet's lift, whose range is wide for the sake of the highest
+    steps: 0.15 m."""
     std_range: tuple[float, float] = (0.05, 1.0)
     """Lowest and highest standard deviation."""
     first_entropy: float = 0.01
     """Weight of the entropy at the first iteration; original, where it stays,
     and with it a standard deviation of half the range."""
     last_entropy: float = 0.001
-    """The same from iteration `entropy_iterations` on; between them it falls geometrically."""
+    """Weight from iteration `entropy_iterations` on; before, it falls geometrically."""
     entropy_iterations: int = 1500
     """Iterations until `last_entropy` and `last_kl`."""
     critic_iterations: int = 0

@@ -19,7 +19,7 @@ LEAST_SHARE = 0.05
 LEANING = 4.0
 """Speed of the base towards its place over the feet, by the distance from it [1/s]."""
 LEANING_MPS = 0.3
-"""The same at most."""
+"""Greatest speed of the base towards its place over the feet [m/s]."""
 SLOW_MPS = 0.15
 """Estimated speed below which a robot is left to the controller's stand."""
 LONGEST_NS = 1_000_000_000

@@ -34,7 +34,7 @@ class WalkScore:
     episodes: int
     """Episodes that ended."""
     falls: int
-    """Those of them that ended with a fall."""
+    """Episodes that ended with a fall."""
     walked_s: float
     """Time of all robots together."""
     ahead_mps: float

@@ -166,7 +166,7 @@ class SensorSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class DriveSettings:
-    """From actions to joint targets: a pose plus `scale` times the action."""
+    """Numbers that turn actions into joint targets: a pose plus `scale` times the action."""
 
     height: float = 0.7
     """Height of the thighs' axes above the feet in that pose, by the length of the legs.

@@ -142,6 +142,6 @@ def take_training(
 
 
 def _models(given: Path) -> dict[ModelKind, Path]:
-    """Those that were trained."""
+    """Files of the models that were trained."""
     paths: dict[ModelKind, Path] = {kind: given / kind / f"{kind}.onnx" for kind in MODELS}
     return {kind: path for kind, path in paths.items() if path.exists()}

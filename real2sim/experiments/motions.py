@@ -207,7 +207,7 @@ def stance(robot: Robot, height_m: Floats, pitch_rad: Floats) -> Commands:
 
 
 def repeated(name: str, count: int, commands: Commands) -> tuple[Section, ...]:
-    """The same motion several times: repeats tell noise from what the simulator lacks."""
+    """A motion several times over: repeats tell noise from what the simulator lacks."""
     return tuple(
         Section(name=f"{name} {i + 1}", condition=name, commands=commands) for i in range(count)
     )

@@ -178,7 +178,7 @@ def _places(segments: Sequence[Segment], time_s: Floats) -> list[tuple[int, floa
 def _at_rest(
     places: Sequence[tuple[int, float]], time_s: Floats, gyro: Floats
 ) -> list[tuple[int, float]]:
-    """Those windows in which the base does not turn."""
+    """Windows in which the base does not turn."""
     loud = []
     for _, start in places:
         rows = gyro[(time_s >= start) & (time_s < start + WINDOW_STEPS * STEP_S)]

@@ -224,7 +224,7 @@ def sampled(at_s: Floats, time_s: Floats, values: Floats) -> Floats:
 
 
 def _located(meta: RigClaims, directory: Path) -> RigClaims:
-    """The same claims with a path to the robot's model that does not depend on the folder."""
+    """Claims with a path to the robot's model that does not depend on the folder."""
     robot = meta["robot"]
     if robot in shipped_robots():
         return meta
@@ -313,7 +313,7 @@ def shifts_s(logs: Sequence[RunLog]) -> list[float]:
 
 
 def _shift(log: RunLog, name: str, shift_s: float) -> RunLog:
-    """The same run on a clock that is ahead by `shift_s`,
+    """A copy of a run on a clock that is ahead by `shift_s`,
     with the run's name in the names of its segments.
     """
     named: list[SegmentClaim] = [

@@ -103,8 +103,8 @@ class Candidate:
     """RMS of the difference between two correct models of the effect, e.g. a smooth and a sharp
     friction law, as a share of what the effect changes in the residuals."""
     resolution: float = 0.0
-    """The same for the first parameter, in its unit and however small the effect is: by how much
-    two correct simulations without effects differ."""
+    """Difference of two correct simulations without effects, as a value of the first parameter in
+    its unit."""
     closable_share: float = 1.0
     """Share of its gap that a correct model closes; below 1 where chance decides, as when a drive
     hunts."""

@@ -28,7 +28,7 @@ def turned(quaternion: Floats, vector: Floats) -> Floats:
 
 
 def continuous(quaternion: Floats) -> Floats:
-    """The same rotations with signs that do not change from row to row, shape (n, 4)."""
+    """Rotations with signs that do not change from row to row, shape (n, 4)."""
     flips = np.sum(quaternion[1:] * quaternion[:-1], axis=1) < 0.0
     return np.asarray(
         quaternion * np.cumprod(np.concatenate([[1.0], np.where(flips, -1.0, 1.0)]))[:, None]

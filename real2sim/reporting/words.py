@@ -152,7 +152,7 @@ def _closed(verdict: Verdict, added: str = "it") -> str:
 
 
 EXACT_S = 0.001
-"""By which a found latency may be below the drawn one; above it by a tick of images more."""
+"""Time by which a found latency may be below the drawn one; above it by a tick of images more."""
 
 
 def drawn_lines(judgement: Judgement) -> list[str]:

@@ -155,7 +155,7 @@ def fit_offset(
 
 
 def _smooth(motion: MotionSamples) -> MotionSamples:
-    """The same motion without fast noise.
+    """A copy of a motion without fast noise.
 
     A line between noisy samples is less noisy than the samples, which would draw an offset to
     halfway between them.

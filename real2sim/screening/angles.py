@@ -43,7 +43,8 @@ RATE_S = 0.1
 MOVING = 0.1
 """RMS of the rate of q from which dq is compared [rad/s]; noise of 2 mrad in q makes 0.03 of it."""
 BARELY = 0.02
-"""The same of a dq that shows the very motion of q, as no noise does."""
+"""RMS of the rate of q from which a dq is compared that shows the very motion of q, as no noise
+does [rad/s]."""
 TYPICAL = 0.5
 """Angles of legs are from 0.1 to 2.5 rad: the geometric mean."""
 KNOWN = (

@@ -58,7 +58,7 @@ RATE_TOLERANCE = 0.15
 """Share by which dq must differ from the rate of q, and kp may differ from that, so that angles are
 told."""
 KD_TOLERANCE = 0.2
-"""The same for kd; the same logs stay within 0.05."""
+"""Share by which kd may differ from the claim; the logs above stay within 0.05."""
 LEAST_KD = 0.3
 """Smaller claims are judged like this one [Nm s/rad]: the tolerance is then 0.06, which at a kp of
 30 is the damping that a delay of one row of 2 ms takes away."""
@@ -70,7 +70,8 @@ LARGEST_RESIDUAL_NM = 0.5
 """RMS of the residual from which the drive follows another encoder than the logged one: the largest
 torque noise."""
 LARGEST_RESIDUAL_SHARE = 0.1
-"""The same as a share of the torque's RMS, for strong motions; the larger of the two counts."""
+"""RMS of that residual as a share of the torque's RMS, for strong motions; the larger limit
+counts."""
 HALF_BACKLASH_RAD = 0.009
 """Half of one degree: the PD law sees the motor's side of a backlash, the log the joint's side."""
 SIGN_TORQUE_NM = 0.5
@@ -210,7 +211,7 @@ class _Commands:
         return first
 
     def of_age(self, when_s: Floats, age_s: float) -> Floats:
-        """The same over steps that begin at given times.
+        """Mean commands over steps that begin at given times, by their age.
 
         Two sums of delays that make one age are looked up once.
         """

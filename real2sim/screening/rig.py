@@ -108,7 +108,7 @@ def _order_by_gyro(log: RunLog) -> Iterator[Fault]:
 
 
 def _order_by_feet(log: RunLog) -> Iterator[Fault]:
-    """The same of a base on level ground, by the feet on which it stands."""
+    """A wrong order of the quaternion, told on level ground by the feet that stand."""
     if log.base is None or (standing := _feet(log, log.base)) is None:
         return
     feet, rows = standing

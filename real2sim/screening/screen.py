@@ -88,9 +88,9 @@ def _by_motion(log: RunLog) -> list[Fault]:
 
 
 LATE_S = 0.1
-"""By which a segment may go on beyond the last row: a hole in a log (`clock.MAX_GAP_S`)."""
+"""Time by which a segment may go on beyond the last row: a hole in a log (`clock.MAX_GAP_S`)."""
 EARLIER_S = 0.5
-"""By which a table may end before that of the joints: a camera at 5 Hz may be 0.3 s late."""
+"""Time by which a table may end before that of the joints: a camera at 5 Hz may be 0.3 s late."""
 
 
 def cut_faults(log: RunLog) -> Iterator[Fault]:

@@ -51,7 +51,8 @@ CLOSED_SHARE = (0.75, 0.98, 0.99)
 imitate others more easily. A lag and a lower gain imitate a flexible gear, which no library holds,
 to 0.97."""
 CLOSED_WITHIN = (0.75, 0.96, 0.99)
-"""The same where no gap is left: what remains is no more than two correct simulations differ by."""
+"""As `CLOSED_SHARE`, where no gap is left: what remains is no more than two correct simulations
+differ by."""
 CERTAIN = 1.645
 """Standard errors that half of a 90 % interval has."""
 PROMISING_SHARE = 0.8

@@ -43,7 +43,7 @@ def measured(value: float, error: float, note: str = "") -> StereoEstimate:
 
 
 def untestable(reason: str) -> StereoEstimate:
-    """No value, and why."""
+    """An estimate without a value, and why."""
     return StereoEstimate(note=reason)
 
 

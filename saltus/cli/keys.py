@@ -28,7 +28,7 @@ class Init(_KeysOption):
     address: str
     """Address of the router's machine, as others reach it: host:port."""
     days: int = DAYS
-    """For which the router's certificate holds."""
+    """Days for which the router's certificate holds."""
 
     def run(self) -> int:
         """Writes the folder; 0."""
@@ -61,7 +61,7 @@ class Issue(_KeysOption):
     ]
     """The part that its holder has in a run."""
     days: int = DAYS
-    """For which it holds."""
+    """Days for which the certificate holds."""
 
     def run(self) -> int:
         """Writes the file; 0."""

@@ -257,7 +257,7 @@ class Replay(ScanOptions, RobotOption, JsonOption):
 
 
 def _frames(recording: "Recording") -> Iterator[DepthFrame]:
-    """Its images, one after the other."""
+    """Depth images of a recording, one after the other."""
     return (
         frame for _, _, frame in recording.messages("camera/depth") if isinstance(frame, DepthFrame)
     )

@@ -54,7 +54,7 @@ Values: TypeAlias = float | tuple[float, ...] | Floats
 """A parameter of the joints: one value for all, 12 values in the order of `JOINTS`, or, for a batch
 of robots that differ, an array of shape (robots, 1) or (robots, 12), which has no TOML form."""
 Drawable: TypeAlias = Values | Drawn
-"""The same where trainings draw it."""
+"""A parameter of the joints that trainings may draw."""
 
 
 PerRobot: TypeAlias = float | Floats

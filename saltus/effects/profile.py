@@ -54,7 +54,7 @@ PARTS = {
     "model": "body",
     "stand": "body",
 }
-"""In which part of a profile the effects of a site stand."""
+"""Part of a profile in which the effects of each site stand."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -98,7 +98,7 @@ class RunSummary:
     cause: str
     """Why it failed; empty after success."""
     explanation: str
-    """The same for a person: what began it, what followed from it, and last the cause.
+    """Why it failed, in a sentence: what began it, what followed from it, and last the cause.
 
     Empty after success.
     """
@@ -119,7 +119,7 @@ class RunSummary:
     models: dict[str, str]
     """Names of the networks: the first half of their files' sha256."""
     camera: str
-    """Its name and fingerprint."""
+    """Name and fingerprint of the camera."""
     rates_hz: dict[str, float]
     age_ms: dict[str, dict[str, float]]
     rejected: dict[str, int]

@@ -80,7 +80,7 @@ class Robot(Value):
     """Angle of the line from thigh axis to knee, from straight down, where all joints are zero
     [rad]."""
     shin_zero: float = 0.0
-    """The same of the line from knee to foot [rad]."""
+    """Angle of the line from knee to foot, from straight down, at zero joints [rad]."""
     foot_radius: float
     """[m]; feet are spheres."""
     trunk_size: Floats = _array(3)

@@ -45,7 +45,7 @@ ROBOT = {
         "attitude of the IMU, estimated velocity, and the way that it adds up to",
     ),
 }
-"""The same of a run that has a robot of its own; they are left out where ROS brings one."""
+"""Topics that come only from a run with a robot of its own, not where ROS brings the robot."""
 GAP_NS = 1_000_000_000  # a robot that was silent for so long has not gone on at its last velocity
 
 

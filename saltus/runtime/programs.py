@@ -22,7 +22,7 @@ class Program:
     Its state must follow from what it hears.
     """
     arguments: tuple[str, ...] = ()
-    """Its own, beside those of every process."""
+    """Arguments of this process, beside those of every process."""
 
 
 PROGRAMS = (
@@ -48,6 +48,7 @@ def scan(grid: str) -> Program:
 WITH_STANDBYS = tuple(
     replace(program, spare=program.restart, hot=program.restart) for program in PROGRAMS
 )
-"""The same with a camera, a service and a planner more that work along unheard. A robot among
-stepping stones can then go on, and cannot land well; but on two cores ages have a p99 of 30 to 58
-ms instead of 10."""
+"""The processes, with a second camera, service and planner that work along unheard.
+
+A robot among stepping stones, which cannot land well, can then go on; but on two cores ages have a
+p99 of 30 to 58 ms instead of 10."""

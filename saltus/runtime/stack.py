@@ -105,7 +105,7 @@ class Stack:
         """In real time: how the run has kept up lately; None until the robot has moved for some
         seconds."""
         self.too_slow: RealTimeFactor | None = None
-        """The same of the first time that it did not keep up; None while it does."""
+        """In real time: how the run kept up when it first did not; None while it does."""
         self._monitor = RealTimeMonitor(self._clock, robot=programs[-1].name)
         self._heard_until_s = 0.0
         """All that had arrived by this time of the run's clock has been read."""

@@ -15,7 +15,7 @@ KINDS = (
 )  # fmt: skip
 """A kind is its place in this order; those of families of one's own follow."""
 PAPER = KINDS[:5]
-"""Those of the paper.
+"""Kinds of the paper.
 
 In the others ground leads down, treads and rises differ, walls are thin, trenches of any depth.
 """

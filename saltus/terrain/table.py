@@ -22,8 +22,8 @@ VARIANTS = 32
 With ten levels 320, of which a robot meets some ten on its way up.
 """
 MANY_VARIANTS = 1024
-"""The same where there is one level, as in data for predictors: thousands of robots would learn 32
-scenes by heart."""
+"""Courses of each family where there is one level, as in data for predictors: thousands of robots
+would learn 32 scenes by heart."""
 _LOOK_M = 0.01  # between the places at which the lowest ground of a course is looked for
 
 

@@ -120,6 +120,6 @@ class Way:
 
 
 def _down_to(box: Box, bottom: float) -> Box:
-    """The same level box, solid down to there."""
+    """A level box made solid down to a height [m]."""
     (x0, y0, _), (x1, y1, top) = box.low, box.high
     return Box(low=(x0, y0, bottom), high=(x1, y1, top), pitch=box.pitch, yaw=box.yaw)

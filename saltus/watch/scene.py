@@ -114,7 +114,7 @@ class Scene:
     plan: PlanStatus | None
     heights: HeightsInWorld | None
     scan: HeightsInWorld | None
-    """Those of `scan/heightmap`."""
+    """Heights of `scan/heightmap`."""
     depth: DepthFrame | None
     topics: tuple[TopicRow, ...]
     events: tuple[Event, ...]

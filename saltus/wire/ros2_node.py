@@ -26,7 +26,7 @@ RELIABLE = "::,10:,:,:,,"
 Subscriptions of every kind match it.
 """
 SENSOR = "2::,5:,:,:,,"
-"""The same of best effort, the last five."""
+"""Quality of service in a token: best effort, the last five."""
 
 
 def dds_name(type_name: str) -> str:

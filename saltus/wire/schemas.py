@@ -252,7 +252,7 @@ STANDARD: dict[str, str] = {
         "uint32 line\n"
     ),
 }
-"""Those of ROS 2 (Jazzy) that travel.
+"""Definitions of ROS 2 (Jazzy) that travel.
 
 With all types of that distribution every process starts 0.1 s later.
 """

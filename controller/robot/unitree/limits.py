@@ -43,7 +43,7 @@ STAGES = {
 """Limits by stage: about twice what the simulated Go2 needs (docs/robot.md), and of speeds half as
 much again as the joints can do: a drive whose sign or gains are wrong exceeds that."""
 COURSE = StageLimits(torque_share=4.0, speed_share=2.0, power_w=2800.0)
-"""The same for a robot that walks and jumps on a course: where it lands behind a gap of 0.80 m the
+"""Limits for a robot that walks and jumps on a course: where it lands behind a gap of 0.80 m the
 ground turns its knees at 1.5 times their rated speed, and they are told to resist it."""
 
 

@@ -39,7 +39,7 @@ class Progress:
 
     Where points lie dense no network betters it; what the network adds is beside them."""
     seen_mm: float
-    """The same with the network."""
+    """Mean absolute error with the network, within 3 cm of what was measured [mm]."""
     unseen_mm: float
     inside_seen: float
     """Share within the half-width."""

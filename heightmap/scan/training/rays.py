@@ -11,7 +11,7 @@ REACH = 0.75
 """Part of a cell: so far from where a ray enters the cells' ground it may enter the bilinear
 one."""
 FURTHEST_M = 0.25
-"""The same along a steep ray, at most [m]."""
+"""Greatest distance along a steep ray from where it enters the cells' ground [m]."""
 MARGIN_M = 0.01
 """By this rays begin above the highest ground, and end below the lowest [m]."""
 _LEVEL = 1e-6  # a ray that is more level than this meets no ground that it does not stand before

@@ -257,7 +257,7 @@ def camera_data(log: RunLog) -> CameraData:
 
 
 def owners(time_s: Floats, segments: Sequence[Segment]) -> Indices:
-    """In which segment each time lies, -1 in none, shape as `time_s`."""
+    """Index of the segment in which each time lies, -1 in none, shape as `time_s`."""
     owner = np.full(len(time_s), -1, dtype=np.int64)
     for k, segment in enumerate(segments):
         owner[(time_s >= segment.start_s) & (time_s <= segment.end_s) & (owner < 0)] = k

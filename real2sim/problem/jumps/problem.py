@@ -153,7 +153,7 @@ class JumpProblem(Problem):
         return problem, replace(profile, actuator=told)
 
     def _set_candidates(self, without: Sequence[str]) -> None:
-        """Those of the drives for each joint, leg by leg, then those of the trunk."""
+        """Sets the candidates of the drives for each joint, leg by leg, then those of the trunk."""
         self._joints = JointCandidates(
             LINKS, self._limits, self._reach, (LOOP_RATE, *NOT_SHOWN, *without)
         )
