@@ -98,7 +98,7 @@ class RunSummary:
     cause: str
     """Why it failed; empty after success."""
     explanation: str
-    """Why it failed, in a sentence: what began it, what followed from it, and last the cause.
+    """Explanation of a failure in sentences: its beginning, what followed, and last the cause.
 
     Empty after success.
     """
