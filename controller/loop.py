@@ -209,9 +209,9 @@ class ControlLoop:
             self._caught or bool(self._tick.braking.is_slow(last))
         )
         if self._caught:
-            return ControllerMode.LANDING, self._tick.braking.catching(reference, self._ground)
+            return ControllerMode.LANDING, self._tick.catches(reference, self._ground)
         height = np.asarray(self._estimate.base_height)
-        return ControllerMode.COAST, self._tick.braking.reference(
+        return ControllerMode.COAST, self._tick.brakes(
             last, height, np.asarray(self._heading), self._ground
         )
 

@@ -90,6 +90,9 @@ class Tick:
         self.law = LegController(robot, compensation=compensation, solver=solver)
         self.braking = Braking(robot)
         self.reference: Callable[[Plan, Scalars], Reference] = reference_of
+        self.brakes: Callable[[Acting, Scalars, Scalars, BrakingState], Reference]
+        self.brakes = self.braking.reference
+        self.catches: Callable[[Reference, BrakingState], Reference] = self.braking.catching
 
     def sense(self, measured: Measurement, trusted: LegFlags, estimate: EstimatorState) -> Sensing:
         """Attitude and estimate.
@@ -145,8 +148,12 @@ class CompiledTick(Tick):
         law, estimate = self.law.init((), pose), self.estimator.init((), pose)
         states = states_of(measured, estimate, legs)
         ground = self.braking.init(LegKinematics(robot).position(pose))
-        reference = reference_of(REST, np.zeros(()))
-        self.reference = straight_line(reference_of, REST, np.zeros(()))
+        zero = np.zeros(())
+        reference = reference_of(REST, zero)
+        last = super().act(reference, states, law, ground, ControllerMode.STAND)
+        self.reference = straight_line(reference_of, REST, zero)
+        self.brakes = _on_floats(self.brakes, last, zero, zero, ground)
+        self.catches = _on_floats(self.catches, reference, ground)
         self._sense = straight_line(laws.sense, measured, legs.trusted, estimate)
         self._act = {
             mode: straight_line(laws.act, reference, states, replace(law, mode=mode), ground, mode)
@@ -181,6 +188,20 @@ class CompiledTick(Tick):
             if acting.law.mode == mode
             else replace(acting, law=replace(acting.law, mode=mode))
         )
+
+
+def _on_floats(law: Callable[..., Reference], *examples: object) -> Callable[..., Reference]:
+    """The law for one robot: compiled, and itself where floats have no result."""
+    compiled = straight_line(law, *examples)
+
+    def step(*given: object) -> Reference:
+        try:
+            reference: Reference = compiled(*given)
+        except (ArithmeticError, ValueError):
+            return law(*given)
+        return reference
+
+    return step
 
 
 class NotedSolver(ExactSolver):

@@ -116,6 +116,20 @@ def test_the_compiled_reference_of_a_plan_is_the_reference_to_the_bit(compiled):
             np.testing.assert_array_equal(value, getattr(other, name), err_msg=name, strict=True)
 
 
+def test_the_compiled_braking_is_the_braking(draw, compiled):
+    rng = np.random.default_rng(12)
+    plans, robots = draw(rng, (DRAWN,))
+    law, ground, _ = draw_states(rng, DRAWN, ControllerMode.RUN)
+    last = TICK.act(plans, robots, law, ground, ControllerMode.RUN)
+    height, heading = rng.uniform(0.1, 0.5, DRAWN), rng.uniform(-4.0, 4.0, DRAWN)
+    brakes, catches = TICK.brakes(last, height, heading, ground), TICK.catches(plans, ground)
+    for k in range(DRAWN):
+        given = row_of(last, k), np.asarray(height[k]), np.asarray(heading[k]), row_of(ground, k)
+        assert_near(row_of(brakes, k), compiled.brakes(*given), f"robot {k}: ")
+        caught = compiled.catches(row(plans, k), row_of(ground, k))
+        assert_near(row_of(catches, k), caught, f"robot {k}, caught: ")
+
+
 def test_what_is_known_of_drives_is_taken_out(draw):
     tick, compiled = Tick(ROBOT, COMPENSATION), CompiledTick(ROBOT, COMPENSATION)
     mode = ControllerMode.RUN
