@@ -22,8 +22,12 @@ from typing import Any
 from saltus.runtime.programs import Program
 
 PARTS = {
-    "law": ("saltus.controller.loop:ControlLoop.act",),
-    "estimator": ("saltus.controller.loop:ControlLoop.sense",),
+    "law": ("saltus.controller.tick:CompiledTick.act",),
+    "estimator": ("saltus.controller.tick:CompiledTick.sense",),
+    "tick": (
+        "saltus.controller.loop:ControlLoop.sense",
+        "saltus.controller.loop:ControlLoop.act",
+    ),
     "plant": ("saltus.sim.driven_robots:DrivenRobots.step",),
     "truth": ("saltus.controller.robot.mujoco:MujocoRobot.truth",),
     "camera": ("saltus.render.process:CameraProcess.step",),
@@ -39,7 +43,7 @@ PARTS = {
     "waiting": ("saltus.runtime.ticker:Ticker.wait", "saltus.wire.bus:Bell.wait"),
 }
 """Functions of each part, as module:name; `waiting` is what it takes to fall asleep and to wake
-up."""
+up, `tick` what a tick of the control loop takes beside its laws."""
 _FOLDER = "SALTUS_PARTS"
 """Variable that tells the processes where to leave their figures."""
 
@@ -53,6 +57,8 @@ class Spent:
     parts: dict[str, float]
     calls: dict[str, int]
     total: float
+    ticks_us: list[list[float]]
+    """Each tick of the control loop [us], whole and beside its laws; none in other processes."""
 
 
 class Meter:
@@ -64,6 +70,7 @@ class Meter:
         self._spent: Counter[str] = Counter()
         self._calls: Counter[str] = Counter()
         self._inner: list[int] = []
+        self._halves_ns: list[tuple[int, int]] = []  # of ticks: sense and act in turn
         self._undo: list[Callable[[], None]] = []
         self._from_s, self._threads_from_s = time.process_time(), _other_threads_s()
         for part, names in PARTS.items():
@@ -79,7 +86,9 @@ class Meter:
         parts = {part: 1e-9 * spent for part, spent in self._spent.items()}
         parts["zenoh"] = parts.get("zenoh", 0.0) + _other_threads_s() - self._threads_from_s
         parts["rest"] = total - sum(parts.values())
-        return Spent(parts, dict(self._calls), total)
+        halves = zip(self._halves_ns[::2], self._halves_ns[1::2], strict=False)
+        ticks = [[1e-3 * (a + b) for a, b in zip(*half, strict=True)] for half in halves]
+        return Spent(parts, dict(self._calls), total, ticks)
 
     def _wrap(self, part: str, name: str) -> None:
         module, _, path = name.partition(":")
@@ -96,8 +105,11 @@ class Meter:
                 return function(*arguments, **named)
             finally:
                 took = clock() - start
-                spent[part] += took - inner.pop()
+                own = took - inner.pop()
+                spent[part] += own
                 calls[part] += 1
+                if part == "tick":
+                    self._halves_ns.append((took, own))
                 if inner:
                     inner[-1] += took
 

@@ -6,7 +6,9 @@ second step, which is cropped and pooled from the D435i's 80x240. Times are in m
 share of a core is processor time, which other programs hardly change.
 
 Between steps of the one robot ONNX Runtime runs the network alone, on zeros: `over_network` is how
-much more a step costs, median of the processor time.
+much more a step costs, median of the processor time. `copies_over_network` is the same of the
+network with nothing but its inputs copied in and its outputs copied out: the least of a service in
+Python.
 
     OMP_NUM_THREADS=1 saltus bench inference
 """
@@ -22,8 +24,9 @@ import numpy as np
 
 from benchmarks._command import Command
 from benchmarks._measuring import Stopwatch, random_frames
-from saltus.depth import MODEL_CAMERA, Intrinsics, supersampled_model_camera
+from saltus.depth import MODEL_CAMERA, Intrinsics, model_image, supersampled_model_camera
 from saltus.heightmap.level_robot import LevelRobot
+from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.fleet import FleetService, RobotRequest
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
@@ -55,14 +58,15 @@ class Benchmark(Command):
             self.ticks // 2, supersampled_model_camera(NATIVE_PIXELS, NATIVE_PIXELS), rng
         )
         states = LevelRobot().states(network.robot, small)
-        single, alone = one_robot(network, states, small, network_alone(path))
+        single, alone, copied = one_robot(network, states, small, network_alone(path))
         states = LevelRobot().states(network.robot, large)
         rows = [{"n": count, **row(fleet(network, count, states, large))} for count in ROBOTS]
         last = rows[-1]
         return {
             **row(single),
             "network_alone": row(alone),
-            "over_network": round(float(np.median(single.cpu_us) / np.median(alone.cpu_us)), 2),
+            "over_network": over(single, alone),
+            "copies_over_network": over(copied, alone),
             "robots": rows,
             "eight_fit_one_core": bool(
                 1e3 * last["p99_us"] < PERIOD_NS and last["core_share"] < 1.0
@@ -90,6 +94,11 @@ def row(watch: Stopwatch) -> dict[str, float]:
     return {**watch.percentiles(), "core_share": round(share, 4)}
 
 
+def over(watch: Stopwatch, alone: Stopwatch) -> float:
+    """Ratio of the medians of processor time."""
+    return round(float(np.median(watch.cpu_us) / np.median(alone.cpu_us)), 2)
+
+
 def network_alone(path: Path) -> Callable[[], None]:
     """A call of ONNX Runtime for one robot, on zeros."""
     session = ModelFile(path).session
@@ -107,13 +116,21 @@ def one_robot(
     states: Sequence[RobotState],
     images: Sequence[DepthFrame],
     alone: Callable[[], None],
-) -> tuple[Stopwatch, Stopwatch]:
-    """Single steps with images of the model's own size, and calls of `alone` between them."""
-    service, watch, beside = HeightmapService(network), Stopwatch(WARM_UP), Stopwatch(WARM_UP)
+) -> tuple[Stopwatch, Stopwatch, Stopwatch]:
+    """Single steps with images of the model's own size, calls of `alone` between them, and the
+    network with copies of its inputs and outputs.
+    """
+    service, watches = HeightmapService(network), [Stopwatch(WARM_UP) for _ in range(3)]
+    step, beside, copied = watches
+    image, zero = model_image(np.zeros((1, 48, 16), np.uint16)), np.zeros(1)
+    features = np.zeros((1, len(PROPRIOCEPTION)), np.float32)
+    hidden = np.zeros((1, network.hidden_size), np.float32)
     for state, frame in zip(states, images, strict=True):
-        watch(service.step, state, frame if state.step % 2 == 0 else None, state.time_ns)
+        step(service.step, state, frame if state.step % 2 == 0 else None, state.time_ns)
         beside(alone)
-    return watch, beside
+        copied(network.tick, image, zero, zero == 0.0, features, hidden)
+        alone()
+    return step, beside, copied
 
 
 def fleet(

@@ -13,7 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from benchmarks._command import Command
+from benchmarks._measuring import percentiles
 from benchmarks._parts import Meter, Spent, metered, spent_by
 from saltus.config import RunConfig, TerrainConfig
 from saltus.recordings.recording import Recording, read_recording
@@ -52,9 +55,12 @@ class Benchmark(Command):
             for topic, row in rates_and_ages(recording).items()
         }
         seconds = _seconds(recording)
+        ticks = np.array(spent["controller"].ticks_us)
         return {
             "control_hz": control_rate_hz(recording),
             "load": load,
+            "control tick [us]": percentiles(ticks[:, 0]),
+            "the same beside its laws [us]": percentiles(ticks[:, 1]),
             "topics": topics,
             "processor time [ms] a second of the run": {
                 name: _row(one, seconds) for name, one in spent.items()

@@ -41,6 +41,7 @@ from saltus.arrays import Floats
 from saltus.config import RunConfig
 from saltus.depth import D435I
 from saltus.depth_camera import SHIPPED
+from saltus.grid import load_grid
 from saltus.heightmap.level_robot import LevelRobot
 from saltus.named_setup import named_setup
 from saltus.plan import REST, plan_message
@@ -53,7 +54,15 @@ from saltus.runtime.ticker import Ticker
 from saltus.states import standing_state
 from saltus.wire.bus import Bell
 from saltus.wire.codec import decode, encode
-from saltus.wire.messages import DepthFrame, Message, PlanStatus, RobotState
+from saltus.wire.messages import (
+    DepthFrame,
+    Heightmap,
+    HeightmapStatus,
+    Message,
+    PlanStatus,
+    ProcessStatus,
+    RobotState,
+)
 from saltus.wire.router import open_router
 from saltus.wire.zenoh_bus import ZenohBus
 
@@ -64,9 +73,6 @@ REPEATS = 7
 NUMBER = 300
 SLOWER = 4  # times the period of the slow consumer
 SETTLE = 500  # the first 5 s do not count
-NATIVE_PIXELS = (
-    5  # of the D435i for one pixel of the model: its centre crop of 80x240, as the stack sends it
-)
 SCENES = 20
 READY_S = 60.0
 PATIENCE = 0.95  # of a period: until then answers are awaited before the next images are sent
@@ -86,6 +92,9 @@ class Benchmark(Command):
     """Images of each robot; the first 500 do not count."""
     robots: int = 1
     """Whom one service answers."""
+    echo: bool = False
+    """In place of the service a process that answers one robot with heights that it has: what bus,
+    codec and waking up take by themselves."""
 
     def measure(self) -> dict[str, Any]:
         endpoint, router = open_router()
@@ -94,7 +103,7 @@ class Benchmark(Command):
                 name: self._topic(endpoint, name, message)
                 for name, message in sample_messages().items()
             }
-        return {**frame_to_heightmap(self.count, self.robots), "transport": table}
+        return {**frame_to_heightmap(self.count, self.robots, self.echo), "transport": table}
 
     def _topic(self, endpoint: str, topic: str, message: Message) -> dict[str, float]:
         data, kind = encode(message), type(message)
@@ -226,6 +235,24 @@ def run_robots(
         robot.bus.close()
 
 
+def answer_at_once(endpoint: str, prefix: str) -> None:
+    """The process that stands in for the service: it takes the same and says as much."""
+    line = load_grid("line")
+    answer = Heightmap(
+        time_ns=0, step=0, x=np.array(line.x), height=np.zeros(30), half_width_90=np.ones(30),
+        status=HeightmapStatus.OK, depth_age_s=0.0, frame_id=0, model_id="0" * 16,
+    )  # fmt: skip
+    with ZenohBus(endpoint, prefix, peer=True) as bus:
+        frames, states = bus.latest("camera/depth", rings=False), bus.latest("controller/state")
+        answers, status = bus.publisher("heightmap/heightmap"), bus.publisher("status", "heightmap")
+        status.put(ProcessStatus(time_ns=0, process="heightmap", ready=True, ticks=0, overruns=0))
+        while True:
+            asked = states.wait(1.0)
+            if asked is not None and frames.take() is not None:
+                step, time_ns = asked.message.step, asked.message.time_ns
+                answers.put(replace(answer, time_ns=time_ns, step=step, frame_id=step))
+
+
 def run_slow_consumer(
     endpoint: str, prefix: str, epoch_ns: int, newest: Any, over: Any, result: Any
 ) -> None:
@@ -247,19 +274,20 @@ def run_slow_consumer(
     result.send((ages, behind))
 
 
-def frame_to_heightmap(count: int, robots: int) -> dict[str, Any]:
+def frame_to_heightmap(count: int, robots: int, echo: bool) -> dict[str, Any]:
     """Runs robots, service and slow consumer, and returns the table of the benchmark.
 
     Args:
         count: Images of each robot.
         robots: How many one service answers.
+        echo: Whether nothing is computed for the answers.
     """
     prefixes = [f"bench/{i}" for i in range(robots)]
     load = os.getloadavg()[0]
     config = RunConfig(
         robot="go1", grid="line", prefix=prefixes[0], pace="realtime", epoch_ns=time.monotonic_ns()
     )
-    with served(config, prefixes) as (endpoint, service):
+    with served(config, prefixes, echo) as (endpoint, service):
         (latency, answer), overruns, ages, behind, share, memory_mb = _watched(
             service, endpoint, prefixes, config.epoch_ns, count
         )
@@ -286,8 +314,8 @@ def frame_to_heightmap(count: int, robots: int) -> dict[str, Any]:
 
 
 @contextmanager
-def served(config: RunConfig, prefixes: list[str]) -> Iterator[tuple[str, int]]:
-    """A router and one heightmap service for these robots:
+def served(config: RunConfig, prefixes: list[str], echo: bool = False) -> Iterator[tuple[str, int]]:
+    """A router and one heightmap service for these robots, or `answer_at_once`:
     the router's endpoint, and the service's process id.
 
     `config` is of a run that has begun; its prefix is one of them.
@@ -310,9 +338,11 @@ def served(config: RunConfig, prefixes: list[str]) -> Iterator[tuple[str, int]]:
             *prefixes,
         ]
         environment = {**os.environ, **ENVIRONMENT}
-        service = subprocess.Popen(
-            [sys.executable, "-m", "saltus.heightmap", *arguments], env=environment
-        )
+        program = ["-m", "saltus.heightmap", *arguments]
+        if echo:
+            call = f"answer_at_once({endpoint!r}, {config.prefix!r})"
+            program = ["-c", f"from benchmarks.transport import answer_at_once; {call}"]
+        service = subprocess.Popen([sys.executable, *program], env=environment)
         try:
             if status.wait(READY_S) is None:
                 raise RuntimeError("the heightmap service is not ready")
