@@ -13,11 +13,18 @@ from saltus.controller.signals import YawFrameBody
 from saltus.footholds import Footholds
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
+from saltus.robots.similarity import Similarity
 
 JOINT_MARGIN_RAD = 1e-3
 """Distance that targets keep from the joint limits; original."""
 JOINT_STEP_RAD = 0.5
 """Distance that targets keep to the present joint angle; original."""
+BENT_FROM_MPS = 1.65
+"""Speed from which knees are bent by all of `Gains.landing_bend`, for a robot of the reference's
+size: a Go2 lands behind a gap of 0.8 m at 2 to 2.5 m/s, and jumps up stairs at 1.2, where legs of
+full length reach the next tread."""
+_FOLD = Constant([0.0, 0.5, -1.0])
+"""Joint angles by the angle by which a knee is bent: the foot stays in its direction."""
 
 
 class SwingLegs:
@@ -39,6 +46,9 @@ class SwingLegs:
         self._foot_high = Constant([np.inf, np.inf, high])
         self._joint_low = Constant(robot.joint_lower + JOINT_MARGIN_RAD)
         self._joint_high = Constant(robot.joint_upper - JOINT_MARGIN_RAD)
+        size = Similarity.of_robot(robot)
+        self._bend, self._straight = robot.gains.landing_bend, robot.thigh_zero - robot.shin_zero
+        self._bent_from = BENT_FROM_MPS * size.length / size.time
 
     def nominal_path(
         self,
@@ -91,10 +101,22 @@ class SwingLegs:
         xp = namespace(target)
         low, high = self._foot_low.like(target), self._foot_high.like(target)
         foot_base = xp.clip(target @ body.base_in_yaw, low, high)
-        angles = xp.clip(
-            self._legs.inverse(foot_base),
-            self._joint_low.like(target),
-            self._joint_high.like(target),
-        )
+        lower, upper = self._joint_low.like(target), self._joint_high.like(target)
+        angles = xp.clip(self._legs.inverse(foot_base), lower, upper)
+        if self._bend > 0.0:
+            angles = xp.clip(self._bent(body, angles), lower, upper)
         step = JOINT_STEP_RAD
         return xp.minimum(xp.maximum(angles, joint_position - step), joint_position + step)
+
+    def _bent(self, body: YawFrameBody, angles: Joints) -> Joints:
+        """Angles at which no knee is straighter than the robot's speed allows.
+
+        The ground turns the knee of a leg of two links l by the speed at which hip and foot near
+        each other over l sin(bend / 2): the straighter the leg, the faster.
+        """
+        xp = namespace(angles)
+        x, y = body.velocity[..., 0], body.velocity[..., 1]
+        share = xp.clip(xp.sqrt(x * x + y * y) / self._bent_from, 0.0, 1.0)
+        legs = angles.reshape((*angles.shape[:-1], 4, 3))
+        over = xp.clip(legs[..., 2] - self._straight + self._bend * share[..., None], 0.0, None)
+        return (legs + over[..., None] * _FOLD.like(angles)).reshape(angles.shape)

@@ -52,6 +52,8 @@ class Gains:
     brake_kd: float = 0.0
     """Damping of joints that run or jump at their rated speed; from 0.8 of it on it grows from
     nothing."""
+    landing_bend: float = 0.0
+    """Least angle by which knees of legs in the air are bent while the robot is fast [rad]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

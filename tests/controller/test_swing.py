@@ -1,9 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from samples import KINEMATICS, ROBOT
 
 from saltus.controller.signals import observe
-from saltus.controller.swing import SwingLegs
+from saltus.controller.swing import BENT_FROM_MPS, SwingLegs
 
 SWING = SwingLegs(ROBOT)
 ROBOTS = 200
@@ -78,3 +80,37 @@ def test_reachable_targets_are_reached(robots):
     kept = inside & limits.all(axis=-1)
     assert kept.mean() > 0.5
     np.testing.assert_allclose(foot[kept], nearby[kept], atol=1e-9)
+
+
+def followed(swing, body, target, joint_position):
+    """Targets of legs that have come as near to them as they can."""
+    for _ in range(12):
+        joint_position = swing.joint_target(body, target, joint_position)
+    return joint_position
+
+
+@pytest.mark.parametrize("bend", [1.0, 1.4])
+def test_fast_robots_bend_their_knees_and_keep_the_direction_of_their_legs(robots, bend):
+    plan, sensed, body = robots
+    target = path(body, sensed, 0.9) + plan.foot_residual
+    speed = np.random.default_rng(9).uniform(0.0, 1.5 * BENT_FROM_MPS, ROBOTS)
+    heading = body.velocity * [1.0, 1.0, 0.0]
+    heading = heading / np.linalg.norm(heading, axis=-1, keepdims=True)
+    body = replace(body, velocity=speed[:, None] * heading)
+    bent = SwingLegs(replace(ROBOT, gains=replace(ROBOT.gains, landing_bend=bend)))
+    free, held = (
+        followed(legs, body, target, sensed.joint_position).reshape(ROBOTS, 4, 3)
+        for legs in (SWING, bent)
+    )
+    least = bend * np.minimum(speed / BENT_FROM_MPS, 1.0)[:, None]
+    assert (held[..., 2] <= -least + 1e-9).all()
+    straight = free[..., 2] > -least
+    assert 0.1 < straight.mean() < 0.9
+    np.testing.assert_array_equal(held[~straight], free[~straight])
+    np.testing.assert_allclose(held[straight][:, 2], -np.broadcast_to(least, (ROBOTS, 4))[straight])
+    np.testing.assert_array_equal(held[..., 0], free[..., 0])
+    inside = straight & (held[..., 1] < ROBOT.joint_upper.reshape(4, 3)[:, 1] - 2e-3)
+    assert inside.any()
+    # thigh and calf of a Go1 are equally long: a leg's direction is that of half its bend
+    lean = [joints[..., 1] + 0.5 * joints[..., 2] for joints in (free, held)]
+    np.testing.assert_allclose(lean[1][inside], lean[0][inside])

@@ -143,6 +143,13 @@ def test_fast_joints_are_braked_alike(draw):
     assert_acts_alike(tick, compiled, np.random.default_rng(10), 100, draw, mode, mode)
 
 
+def test_knees_of_fast_robots_are_bent_alike(draw):
+    bent = replace(ROBOT, gains=replace(ROBOT.gains, landing_bend=1.4))
+    tick, compiled = Tick(bent), CompiledTick(bent)
+    mode = ControllerMode.RUN
+    assert_acts_alike(tick, compiled, np.random.default_rng(11), 100, draw, mode, mode)
+
+
 @pytest.mark.parametrize("mode", [*ControllerMode])
 def test_a_change_of_mode_is_that_of_the_reference(mode, draw, compiled):
     for before in ControllerMode:
