@@ -22,7 +22,7 @@ from saltus.real2sim.problem.joints import motion as joint_motion
 from saltus.real2sim.problem.joints.candidates import KINDS, LOOP_RATE, Reach
 from saltus.real2sim.problem.joints.drives import Drives, lost_to_saturation
 from saltus.real2sim.problem.joints.excitation import _step
-from saltus.real2sim.problem.joints.mechanics import slowed_by_friction
+from saltus.real2sim.problem.joints.mechanics import slipping, slowed_by_friction
 from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.problem.joints.replay import replay
 from saltus.real2sim.saturation_curve import _fitted, _Pieces
@@ -217,6 +217,18 @@ def test_bristles_hold_like_springs_until_they_give_way(bend: float) -> None:
         ends.append((float(place.item()), float(velocity.item())))
     assert ends[0] == pytest.approx((0.6 * bend, 0.0), rel=1e-3, abs=1e-7)
     assert ends[1][1] == pytest.approx(0.2 * level / 0.3, rel=1e-3)
+
+
+@pytest.mark.parametrize("step", [0.01, 0.3, 2.0])
+def test_bristles_slip_as_dahl_says_whatever_the_step(step: float) -> None:
+    """And hold no more than their level once they have gone far, also back."""
+    give, bent = np.full(1, 3.0), np.zeros(1)
+    for way in (step, -step):
+        before, to = bent[0], -np.sign(way)
+        for k in range(1, round(6.0 / step) + 1):
+            softer, older = slipping(give, bent, np.full(1, step))
+            bent = give * (older - way) / softer
+            assert bent[0] == pytest.approx(to + (before - to) * np.exp(-k * step), abs=1e-9)
 
 
 def test_a_spring_is_its_pull_at_the_mean_angle_and_its_stiffness() -> None:

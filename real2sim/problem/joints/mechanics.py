@@ -12,6 +12,9 @@ from saltus.sim.held_robot import RollingBase
 SWEEPS = 3
 """Number of sweeps over the joints of a chain in a step: friction at one joint changes what the
 others feel by a third or less, and each step starts from the impulses of the last."""
+LEAST_WAY, MOST_WAYS = 1e-6, 50.0
+"""Ways in a step, in parts of the reach of bristles, below which these slip by less than a
+millionth, and above which they have forgotten how they were bent, to 1e-21."""
 
 
 def joint_by_joint(values: Floats) -> Floats:
@@ -53,6 +56,21 @@ def accelerated(inverse: Floats, torque: Floats) -> Floats:
     for joint, other in enumerate(others, 1):
         total += inverse[:, joint] * other
     return np.ascontiguousarray(total.transpose(1, 2, 0, 3))
+
+
+def slipping(give: Floats, bent: Floats, ways: Floats) -> tuple[Floats, Floats]:
+    """`give` and `bent` of `slowed_by_friction` where bristles slip more the further they bend.
+
+    After a way x they are bent by reach (1 - exp(-x / reach)) (P. Dahl, A solid friction model,
+    1968; LuGre, Canudas de Wit et al. 1995).
+
+    Args:
+        give: Of bristles that do not slip.
+        bent: How far they are bent, as `slowed_by_friction` has it.
+        ways: Way of the step, in parts of their reach.
+    """
+    x = np.clip(ways, LEAST_WAY, MOST_WAYS)
+    return give * x / -np.expm1(-x), bent * x / np.expm1(x)
 
 
 def slowed_by_friction(

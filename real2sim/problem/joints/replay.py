@@ -18,10 +18,13 @@ from saltus.real2sim.problem.joints.mechanics import (
     Sway,
     accelerated,
     inverses_of,
+    slipping,
     slowed_by_friction,
     with_inertia,
 )
 
+LEAST_REACH = 1e-9
+"""Reach of bristles [rad] below which they are as good as rigid."""
 DIVERGED = 1e3
 """[rad], [rad/s]: beyond it a simulation is not continued; nothing that moves gets there."""
 _NONE = np.zeros(())
@@ -243,7 +246,7 @@ class _Simulation:
             acceleration = accelerated(inverse, torque - load)
         faster = v + dt * acceleration
         if drives.is_dry:
-            faster = self._rubbed(faster, inverse, drives.friction(v))
+            faster = self._rubbed(faster, inverse)
             acceleration = (faster - v) / dt
         if self._play is not None:
             faster = self._play.moved(faster, acceleration, inverse, dt)
@@ -256,15 +259,24 @@ class _Simulation:
         np.minimum(np.maximum(faster, -DIVERGED, out=v), DIVERGED, out=v)
         self._earlier, self._acceleration = self._acceleration, acceleration
 
-    def _rubbed(self, velocity: Floats, inverse: Floats, level: Floats) -> Floats:
-        """Velocities after dry friction of a level [Nm] has acted for a step."""
-        dt, bend = self._motion.dt_s, self._drives.bristles
-        if bend is None:
-            return slowed_by_friction(velocity, inverse, dt * level, self._impulse)
-        give = bend / (np.maximum(level, LEAST_LEVEL) * dt**2)
-        velocity = slowed_by_friction(
-            velocity, inverse, dt * level, self._impulse, give, self._bent
-        )
+    def _rubbed(self, velocity: Floats, inverse: Floats) -> Floats:
+        """Velocities after dry friction has acted for a step.
+
+        Rigid bristles are those of the plant, which sees a velocity once a step; for others it is
+        that in the midst of the step.
+        """
+        dt, drives = self._motion.dt_s, self._drives
+        if drives.bristles is None:
+            return slowed_by_friction(
+                velocity, inverse, dt * drives.friction(self._v), self._impulse
+            )
+        reach = drives.bristles
+        seen = self._v + 0.5 * dt * (reach > 0.0) * self._acceleration
+        level = drives.friction(seen)
+        give = reach / (np.maximum(level, LEAST_LEVEL) * dt**2)
+        ways = (reach > 0.0) * dt * np.abs(seen) / np.maximum(reach, LEAST_REACH)
+        slip = slipping(give, self._bent, ways)
+        velocity = slowed_by_friction(velocity, inverse, dt * level, self._impulse, *slip)
         self._bent = give * self._impulse
         return velocity
 
