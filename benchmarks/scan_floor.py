@@ -46,6 +46,8 @@ class Benchmark(Command):
     """With images and plane.csv."""
     off_deg: float = 1e-9
     """By this pitch and roll are off besides."""
+    odometry_error: float = 1.0
+    """Errors of the attitude of which the network is told, 1 for 0.4 degrees."""
 
     def measure(self) -> dict[str, Any]:
         """Figures of the network, of the classical map and
@@ -81,6 +83,8 @@ class Benchmark(Command):
             feet=np.zeros((1, 1, 3), np.float32), standing=np.zeros((1, 1), bool),
             body_height=np.full(1, before["camera_height_m"], np.float32),
             exposed_s=np.zeros(1, np.float32),
+            odometry_error=np.full(1, self.odometry_error, np.float32),
+            mount_error=np.ones(1, np.float32),
         )  # fmt: skip
         predictor = ScanPredictor(network)
         predictor.see(measured, 0.05)

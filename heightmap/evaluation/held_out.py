@@ -167,8 +167,10 @@ def _source(
     )
     errors = None if camera.ideal else drawn_cameras(len(setups), rng, StereoConfig.of(camera))
     rngs = None if camera.ideal else rng.spawn(len(setups))
+    # No effect of the evaluation moves the camera: it sits where the service is told that it does
+    placed = replace(camera, mount_error=0.0)
     return predicted_heights(
-        model, [replace(setup, profile=profile) for setup in setups], errors, rngs
+        model, [replace(setup, profile=profile, camera=placed) for setup in setups], errors, rngs
     )
 
 

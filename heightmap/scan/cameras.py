@@ -35,9 +35,13 @@ class ScanCamera:
     Args:
         mount: Its pose in the base.
         range_m: Nearest and farthest depth that is believed [m]; None: all.
+        mount_error: See `saltus.depth_camera.DepthCamera`.
     """
 
-    def __init__(self, mount: Mount, range_m: tuple[float, float] | None = None) -> None:
+    def __init__(
+        self, mount: Mount, range_m: tuple[float, float] | None = None, mount_error: float = 1.0
+    ) -> None:
+        self.mount_error = mount_error
         self._position = np.asarray(mount.position, np.float32)
         self._rotation = np.asarray(mount.rotation, np.float32)
         self._range_m = range_m

@@ -68,6 +68,12 @@ class Measurement(NamedTuple):
     """Height of the base above the ground when the robot stands [m], roughly. Shape (batch,)."""
     exposed_s: Array
     """Time of the exposure [s], on any clock. Shape (batch,)."""
+    odometry_error: Array
+    """Errors that the odometry is known to have, in units of usual ones (speed off by 3 %, attitude
+    by 0.4 degrees; `saltus.heightmap.scan.training.odometry`): 0 none. Shape (batch,)."""
+    mount_error: Array
+    """The same of where the cameras sit and of their scale (usual: 0.3 degrees, 3 mm, 0.8 %;
+    `saltus.depth_camera.DepthCamera.mount_error`). Shape (batch,)."""
 
 
 class ElevationMap(NamedTuple):

@@ -5,7 +5,13 @@ plain numbers in SI units.
 from typing import NamedTuple
 
 from saltus.arrays import Array, namespace
-from saltus.heightmap.scan.elevation import WIDEST, ElevationMap, Surroundings, is_known
+from saltus.heightmap.scan.elevation import (
+    WIDEST,
+    ElevationMap,
+    Measurement,
+    Surroundings,
+    is_known,
+)
 
 MEASURED = (
     "known", "deviation", "age", "new", "new_count", "new_high", "new_low", "high", "low", "foot",
@@ -18,9 +24,13 @@ count). What is not there is 0."""
 MEMORY = ("told", "told_width")
 """Planes of `Inputs.memory`: what the network told of the cell last, above `Inputs.filled`, and
 its half-width [m]."""
-NUMBERS = ("drift_x", "drift_y", "drift_z", "unrest_m", "unrest_rad", "images", "feet")
+NUMBERS = (
+    "drift_x", "drift_y", "drift_z", "unrest_m", "unrest_rad", "images", "feet",
+    "odometry_error", "mount_error",
+)  # fmt: skip
 """`Inputs.numbers`: how far this image and the feet moved the pose [m], how much images lately
-moved and tilted it [m, rad], how many images the map has, and cells under standing feet."""
+moved and tilted it [m, rad], how many images the map has, cells under standing feet, and the
+errors that odometry and mounts are known to have (`Measurement`)."""
 OLDEST_S, MOST_IMAGES = 3.0, 20.0
 """An older cell, or a map of more images, looks like this."""
 REACH_M = 2.0
@@ -53,11 +63,11 @@ class Heights(NamedTuple):
 
 
 def inputs_of(
-    state: ElevationMap, around: Surroundings, now_s: Array, body_height: Array
+    state: ElevationMap, around: Surroundings, now_s: Array, image: Measurement
 ) -> Inputs:
-    """Inputs of the network after an image; `now_s` and `body_height` have shape (batch,)."""
+    """Inputs of the network after an image; `now_s` has shape (batch,)."""
     xp = namespace(state.height)
-    level = (around.base[:, 2] - body_height)[:, None, None]
+    level = (around.base[:, 2] - image.body_height)[:, None, None]
     known, hit, foot = is_known(state), around.new.count > 0.0, around.feet.count > 0.0
     age = (now_s[:, None, None] - state.seen_s).clip(0.0, OLDEST_S)
 
@@ -78,7 +88,14 @@ def inputs_of(
         filled=(around.filled - level).clip(-REACH_M, REACH_M),
         measured=xp.stack(measured, axis=1),
         memory=xp.stack([told.clip(-REACH_M, REACH_M), state.told_width], axis=1),
-        numbers=xp.concat([around.drift, state.unrest, xp.stack([images, feet], axis=-1)], axis=-1),
+        numbers=xp.concat(
+            [
+                around.drift,
+                state.unrest,
+                xp.stack([images, feet, image.odometry_error, image.mount_error], axis=-1),
+            ],
+            axis=-1,
+        ),
     )
 
 

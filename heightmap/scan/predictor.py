@@ -149,6 +149,11 @@ class ScanPredictor:
         """How many images the map was made from since the last `reset`."""
         return int(self._known.state.images[0])
 
+    @property
+    def correction(self) -> Singles:
+        """Added to the odometry's positions, by images and feet [m], shape (3,)."""
+        return self._known.state.correction[0]
+
     def reset(self) -> None:
         """Forgets everything: the robot was carried elsewhere, or its odometry jumped."""
         self._known = _Known.of(new_map(1, self._settings, np.zeros(1, np.float32)), None)
@@ -161,7 +166,7 @@ class ScanPredictor:
         """
         state, around = advanced(self._known.state, measured, self._settings)
         now = np.full(1, now_s, np.float32)
-        height, half_width = self._network(inputs_of(state, around, now, measured.body_height))
+        height, half_width = self._network(inputs_of(state, around, now, measured))
         # no comparison with NaN is true, so that this also asks for finite numbers
         if not (
             np.abs(height).max() <= FARTHEST_M

@@ -108,7 +108,7 @@ class ScanChoice:
                 "/"
             )
         mounts = {
-            name: ScanCamera(Mount.of(camera.mounted_on(robot)), camera.range_m)
+            name: ScanCamera(Mount.of(camera.mounted_on(robot)), camera.range_m, camera.mount_error)
             for name, camera in zip(names, cameras, strict=True)
         }
         return ScanRig(

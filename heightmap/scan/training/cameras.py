@@ -57,6 +57,8 @@ class Cameras(NamedTuple):
     """Columns of the dead left margin at 1 m, shape (robots,)."""
     lost: Tensor
     """Share of images that never come, shape (robots,)."""
+    unknown: Tensor
+    """How badly mounts and scale are known: 1 usual, 0 perfectly, shape (robots,)."""
 
 
 def draw_cameras(
@@ -90,20 +92,24 @@ def draw_cameras(
         (ahead * yaw.cos(), ahead * yaw.sin() + draws.normal(0.02, n, 1), up), -1
     )
     errors = settings.errors
-    off = rotation(each(draws.normal(CALIBRATION_RAD * errors, n, 2, 3)))
+    unknown = draws.uniform(*settings.calibration, n) * errors
+    off = rotation(each(draws.normal(CALIBRATION_RAD, n, 2, 3) * unknown[:, None, None]))
     fov = torch.deg2rad(draws.log_uniform(*settings.fov_deg, n))
     half = 0.5 * fov
     return Cameras(
         position=position, rotation=known,
-        true_position=position + each(draws.normal(CALIBRATION_M * errors, n, 2, 3)),
+        true_position=position + each(
+            draws.normal(CALIBRATION_M, n, 2, 3) * unknown[:, None, None]
+        ),
         true_rotation=off @ known,
         rays=_rays(half.tan(), draws.uniform(*settings.shape, n), two, settings),
         near=draws.uniform(0.05, 0.3, n), far=draws.uniform(1.5, 5.0, n),
         noise=draws.log_uniform(*DEPTH_NOISE, n) * errors, white=draws.uniform(0.2, 0.8, n),
-        scale=1.0 + draws.normal(SCALE * errors, n), edges=draws.uniform(0.0, 0.9, n) * errors,
+        scale=1.0 + draws.normal(SCALE, n) * unknown, edges=draws.uniform(0.0, 0.9, n) * errors,
         holes=draws.uniform(0.0, 0.15, n) * draws.chance(0.5, n) * errors,
         margin=BASELINE_M * draws.chance(0.6, n) * errors * 0.5 * settings.columns / half.tan(),
         lost=draws.uniform(0.0, 0.15, n) * draws.chance(0.4, n) * errors,
+        unknown=unknown,
     )  # fmt: skip
 
 

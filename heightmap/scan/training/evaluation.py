@@ -66,7 +66,7 @@ def usual_flights(trained: FlightSettings) -> FlightSettings:
         trained, families=FAMILIES, odometry=(1.0, 1.0), latency_s=(0.03, 0.11),
         rate_hz=(15.0, 40.0), images=60,
         height_m=(0.15, 1.2), down_deg=(0.0, 60.0), fov_deg=(50.0, 100.0), pitch_deg=(8.0, 40.0),
-        errors=1.0,
+        errors=1.0, calibration=(1.0, 1.0),
     )  # fmt: skip
 
 
@@ -77,6 +77,7 @@ def rows_of(trained: FlightSettings) -> dict[str, FlightSettings]:
     rows = {
         "usual": usual,
         "good odometry": replace(usual, odometry=(0.0, 0.0)),
+        "known well": replace(usual, odometry=(0.0, 0.0), calibration=(0.0, 0.0)),
         "bad odometry": replace(usual, odometry=(2.0, 2.0)),
         "Go1's mount": replace(
             usual, gaits=("bound",), height_m=(0.36, 0.36), above_m=(0.092, 0.092),
@@ -217,9 +218,7 @@ def _told(
     """Heights of a network after an image, with the map that remembers them."""
     state, around = advanced(state, shot.measured, settings)
     if not model.settings.frame:
-        heights = told(
-            model, inputs_of(state, around, shot.now_s, shot.measured.body_height), around.filled
-        )
+        heights = told(model, inputs_of(state, around, shot.now_s, shot.measured), around.filled)
         return heights, remembered(state, heights), around
     alone, inputs, around = of_image(state, shot.measured, shot.now_s, settings)
     heights = kept(

@@ -57,7 +57,7 @@ def with_image(
     `now_s`: time of the image's look [s].
     """
     state, around = advanced(state, measured, settings)
-    return state, inputs_of(state, around, now_s, measured.body_height), around
+    return state, inputs_of(state, around, now_s, measured), around
 
 
 def example(

@@ -27,6 +27,8 @@ KINEMATICS_M = 0.004
 HEIGHT_KNOWN_M = 0.04
 """By how much a robot does not know its usual height [m]."""
 LOWEST_BODY_M = 0.16
+ERRORS_KNOWN = 0.3
+"""Standard deviation of the logarithm of how bad a robot says that odometry and mounts are."""
 
 March = Callable[..., Tensor]
 """`first_hits`, or the same compiled."""
@@ -48,6 +50,8 @@ class Flight(NamedTuple):
     """True where the robot tells its feet, shape (robots,)."""
     told_height: Tensor
     """Height of the body above the ground, as the robot knows it [m], shape (robots,)."""
+    told_errors: Tensor
+    """How bad odometry and mounts are, as the robot knows it, shape (robots, 2)."""
     image: Tensor
     """Number of the next image, shape (robots,)."""
 
@@ -77,15 +81,20 @@ def draw_flight(robots: int, settings: FlightSettings, draws: Draws) -> Flight:
         min=LOWEST_BODY_M
     )
     motion = draw_motion(ground, body_height, latency + settings.images / rate, settings, draws)
+    odometry = draw_odometry(motion, settings, draws)
+    cameras = draw_cameras(camera_height, body_height, settings, draws)
     return Flight(
         ground=ground,
         motion=motion,
-        odometry=draw_odometry(motion, settings, draws),
-        cameras=draw_cameras(camera_height, body_height, settings, draws),
+        odometry=odometry,
+        cameras=cameras,
         rate_hz=rate,
         latency_s=latency,
         tells_feet=draws.chance(settings.feet, robots),
         told_height=body_height + draws.normal(HEIGHT_KNOWN_M, robots),
+        told_errors=torch.stack((odometry.scale, cameras.unknown))
+        .mul(draws.normal(ERRORS_KNOWN, 2, robots).exp())
+        .T,
         image=torch.zeros(robots, dtype=torch.long, device=draws.device),
     )
 
@@ -115,7 +124,10 @@ def shoot(
     then = Pose(
         at(flight.odometry.position, exposed_s), rotation(at(flight.odometry.angles, exposed_s))
     )
-    measured = Measurement(points, depth, then, now, feet, standing, flight.told_height, exposed_s)
+    measured = Measurement(
+        points, depth, then, now, feet, standing, flight.told_height, exposed_s,
+        *flight.told_errors.T,
+    )  # fmt: skip
     return Shot(measured, now_s, hits, position, angles, believed[:, 2])
 
 

@@ -29,7 +29,7 @@ def of_image(
     """
     blank = new_map(len(now_s), settings, state.height)._replace(correction=state.correction)
     alone, around = advanced(blank, measured, replace(settings, matching=False, foot_gain=0.0))
-    return alone, inputs_of(alone, around, now_s, measured.body_height), around
+    return alone, inputs_of(alone, around, now_s, measured), around
 
 
 def kept(

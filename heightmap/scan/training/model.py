@@ -32,7 +32,7 @@ USUAL_M = 0.1
 NARROWEST_M = 5e-4
 """The narrowest half-width [m]."""
 _SHOWN = 3.0  # a difference of heights is shown as this many times USUAL_M at most
-_NUMBERS = (0.005, 0.005, 0.005, 0.002, 0.002, MOST_IMAGES, 36.0)  # what usual `NUMBERS` are
+_NUMBERS = (0.005, 0.005, 0.005, 0.002, 0.002, MOST_IMAGES, 36.0, 1.0, 1.0)  # usual `NUMBERS`
 _OUTPUTS = 4  # of a height: residual, its gate, the memory's gate, half-width
 _OWN_FIRST = 5.0  # at first the network's own height counts e^5 times as much as another candidate
 # Sides of squares of fine cells whose highest and lowest are candidates: 2 and 6 cm away

@@ -75,6 +75,8 @@ class FlightSettings(Value):
     turns."""
     errors: float = 1.0
     """Errors of the images: 1 as drawn, 0 none."""
+    calibration: tuple[float, float] = (0.0, 2.0)
+    """How badly mounts and scales of cameras are known, drawn evenly: 1 usual, 0 perfectly."""
     odometry: tuple[float, float] = (0.0, 2.2)
     """Errors of the odometry, drawn evenly: 0 none, 1 usual (speed off by 3 %), 2 bad."""
 
@@ -96,7 +98,7 @@ class FlightSettings(Value):
             shape=(0.1, 10.0),
             rolled=share, turned=share, pairs=share, fov_deg=(5.0, 150.0),
             pitch_deg=(0.0, 80.0), speed_mps=(0.0, 5.0), feet=share, velocity=share,
-            errors=(0.0, 3.0),
+            errors=(0.0, 3.0), calibration=(0.0, 10.0),
             odometry=(0.0, 10.0),
         )  # fmt: skip
 

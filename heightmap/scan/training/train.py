@@ -200,6 +200,9 @@ class Trainer:
                     **weights,
                     name: torch.cat((weights[name].to(self.device), own[name][rows:])),
                 }
+        if (stem := weights.get("stem.weight")) is not None:  # numbers that are new count nothing
+            new = max(0, own["stem.weight"].shape[1] - stem.shape[1])
+            weights = {**weights, "stem.weight": functional.pad(stem, (0, 0, 0, 0, 0, new))}
         added = {name: own[name] for name in own if name.startswith("blocks.")}
         try:
             for model in (self.model, self.average):

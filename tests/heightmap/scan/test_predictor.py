@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from saltus.errors import ModelError
-from saltus.grid import HeightGrid
+from saltus.grid import SCAN, HeightGrid
 from saltus.heightmap.scan.cells import places, sampled
 from saltus.heightmap.scan.elevation import Measurement, Pose, new_map
 from saltus.heightmap.scan.planes import remembered
@@ -17,6 +17,7 @@ from saltus.heightmap.scan.training.examples import with_image
 from saltus.heightmap.scan.training.export import export
 from saltus.heightmap.scan.training.flights import shoot
 from saltus.heightmap.scan.training.model import ScanModel, told
+from saltus.used_networks import model_path
 
 GRID = HeightGrid(x=(-0.2, -0.1, 0.0, 0.1, 0.2), y=(-0.1, 0.0, 0.1))
 
@@ -92,3 +93,25 @@ def test_a_file_that_does_not_fit_is_refused_by_name(exported, field, value, sai
     path.with_name(path.name + ".sha256").unlink()
     with pytest.raises(ModelError, match=said):
         ScanNetwork(path)
+
+
+@pytest.mark.parametrize("field", ["odometry_error", "mount_error"])
+@pytest.mark.parametrize("family", ["flat", "rubble"])
+def test_the_shipped_network_is_surer_where_odometry_and_mount_are_known_better(
+    fly, draws, family, field
+):
+    """On the same images, half-widths of seen points grow with the error that is told."""
+    flight, settings = fly(
+        1, families=(family,), rows=36, columns=48, images=30, feet=1.0, height_m=(0.3, 0.5),
+        down_deg=(30.0, 50.0),
+    )  # fmt: skip
+    shots = [shoot(flight, settings, draws) for _ in range(12)]
+    network, widths = ScanNetwork(model_path("scan")), []
+    for error in (0.0, 1.0, 2.0):
+        predictor, given = ScanPredictor(network), {field: np.full(1, error, np.float32)}
+        for shot in shots:
+            predictor.see(alone(shot.measured)._replace(**given), float(shot.now_s))
+        ground = predictor.ground(alone(shot.measured).now, float(shot.believed_yaw), SCAN)
+        widths.append(np.median(ground.half_width[np.isfinite(ground.seen_s)]))
+    assert 1.1 * widths[0] < widths[1]
+    assert 1.1 * widths[1] < widths[2]

@@ -18,11 +18,13 @@ from saltus.dialects import DIALECTS
 from saltus.grid import LINE, SCAN, HeightGrid
 from saltus.heightmap.scan.body import NoBody
 from saltus.heightmap.scan.cameras import ScanCamera
-from saltus.heightmap.scan.predictor import ScanNetwork
-from saltus.heightmap.service.scan import FIRST, ScanRig, ScanService
+from saltus.heightmap.scan.elevation import Measurement
+from saltus.heightmap.scan.predictor import ScanNetwork, ScanPredictor
+from saltus.heightmap.service.scan import FIRST, LEGS_ODOMETRY_ERROR, ScanRig, ScanService
 from saltus.loop.shadows import deepened
 from saltus.robots.legs import LegKinematics
 from saltus.robots.mount import Mount
+from saltus.robots.robot import Robot
 from saltus.rotations import rotation_matrix
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus
 
@@ -109,6 +111,41 @@ def test_a_grid_that_is_in_view_is_seen_and_its_ages_are_those_of_the_images(
     assert last.seen_share == 1.0
     assert last.depth_age_s == pytest.approx(1e-9 * (LATENCY_NS + STEP_NS))
     np.testing.assert_allclose(last.age_s, last.depth_age_s, atol=1e-3)
+
+
+@pytest.mark.parametrize("climb_mps", [-0.08, 0.06])
+@pytest.mark.parametrize("velocity", [(0.0, 0.0, 0.0), (0.5, 0.0, 0.0)])
+def test_legs_whose_velocity_is_off_in_height_tell_the_ground_where_it_is(
+    network: ScanNetwork, climb_mps: float, velocity: tuple[float, float, float]
+) -> None:
+    """Images are late, so that a velocity that stays wrong would move the ground by all of it."""
+    world = PlaneWorld(velocity=velocity)
+    service = ScanService(network, rig(DOWN, robot=ROBOT))
+    told = np.add(velocity, (0.0, 0.0, climb_mps))
+    *_, last = run(service, world, {FIRST: DOWN}, 160, velocity_base_in_world=told)
+    assert errors(last, world, SCAN).mean() < 0.004
+
+
+@pytest.mark.parametrize("errors", [(0.0,), (1.0, 0.5), (0.2, 3.0)])
+@pytest.mark.parametrize(("robot", "odometry"), [(None, 1.0), (ROBOT, LEGS_ODOMETRY_ERROR)])
+def test_the_network_is_told_how_well_odometry_and_mounts_are_known(
+    network: ScanNetwork, monkeypatch: pytest.MonkeyPatch, errors: tuple[float, ...],
+    robot: Robot | None, odometry: float,
+) -> None:  # fmt: skip
+    """Of several cameras the worst counts."""
+    told: list[Measurement] = []
+    see = ScanPredictor.see
+
+    def seen(self: ScanPredictor, measured: Measurement, now_s: float) -> bool:
+        told.append(measured)
+        return see(self, measured, now_s)
+
+    monkeypatch.setattr(ScanPredictor, "see", seen)
+    given = dict(zip((FIRST, "rear"), (ScanCamera(DOWN, None, e) for e in errors), strict=False))
+    service = ScanService(network, ScanRig(grid=SCAN, cameras=given, robot=robot))
+    list(run(service, WORLDS[0], dict.fromkeys(given, DOWN), 8))
+    assert {float(measured.mount_error[0]) for measured in told} == {np.float32(max(errors))}
+    assert {float(measured.odometry_error[0]) for measured in told} == {np.float32(odometry)}
 
 
 @pytest.mark.parametrize("name", DIALECTS)
