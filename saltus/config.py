@@ -31,8 +31,7 @@ Config = TypeVar("Config")
 LONGEST_RUN_S = 1e6
 """Eleven days: as good as without end."""
 LOCKSTEP_LINK_SPEED = 0.05
-"""Makes 10 s of the 0.5 s after which a silent link is given up (zenoh_cfg): Zenoh's own
-default."""
+"""Makes Zenoh's own 10 s of the 0.5 s after which a silent link is given up (zenoh_cfg)."""
 
 TOML_MAX = 4 * 2**20
 """Characters of a file: a terrain of 10,000 boxes has a third of it."""
