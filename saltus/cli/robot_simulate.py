@@ -75,15 +75,15 @@ class Simulate(PaceOptions, LinkOptions):
                 server.lockstep(self.seconds)
             else:
                 server.realtime(RunClock(speed=self.speed), self.seconds)
-        finally:
-            stranger.close()
-            link.close()
+        finally:  # told before the domain is left, in which the library could end the process
             place = ", ".join(f"{value:.2f}" for value in simulated.position)
             print(
                 f"{simulated.time_s:.1f} s, {simulated.commands} commands, {simulated.refused} "
                 f"refused; its base is at ({place}) m",
                 flush=True,
             )
+            stranger.close()
+            link.close()
         return 0
 
     def _simulated(self, robot: "Robot") -> "SimulatedUnitree":
