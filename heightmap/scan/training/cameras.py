@@ -58,7 +58,7 @@ class Cameras(NamedTuple):
     lost: Tensor
     """Share of images that never come, shape (robots,)."""
     unknown: Tensor
-    """How badly mounts and scale are known: 1 usual, 0 perfectly, shape (robots,)."""
+    """Errors of mounts and scale, in units of usual ones, shape (robots,)."""
 
 
 def draw_cameras(

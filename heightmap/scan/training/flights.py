@@ -28,7 +28,7 @@ HEIGHT_KNOWN_M = 0.04
 """By how much a robot does not know its usual height [m]."""
 LOWEST_BODY_M = 0.16
 ERRORS_KNOWN = 0.3
-"""Standard deviation of the logarithm of how bad a robot says that odometry and mounts are."""
+"""Standard deviation of the logarithm of `Flight.told_errors` around the true ones."""
 
 March = Callable[..., Tensor]
 """`first_hits`, or the same compiled."""
@@ -51,7 +51,8 @@ class Flight(NamedTuple):
     told_height: Tensor
     """Height of the body above the ground, as the robot knows it [m], shape (robots,)."""
     told_errors: Tensor
-    """How bad odometry and mounts are, as the robot knows it, shape (robots, 2)."""
+    """Errors of odometry and mounts, as the robot knows them, in units of usual ones.
+    Shape (robots, 2)."""
     image: Tensor
     """Number of the next image, shape (robots,)."""
 

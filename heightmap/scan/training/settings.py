@@ -76,7 +76,7 @@ class FlightSettings(Value):
     errors: float = 1.0
     """Errors of the images: 1 as drawn, 0 none."""
     calibration: tuple[float, float] = (0.0, 2.0)
-    """How badly mounts and scales of cameras are known, drawn evenly: 1 usual, 0 perfectly."""
+    """Errors of mounts and scales of cameras, in units of usual ones, drawn evenly."""
     odometry: tuple[float, float] = (0.0, 2.2)
     """Errors of the odometry, drawn evenly: 0 none, 1 usual (speed off by 3 %), 2 bad."""
 

@@ -132,7 +132,7 @@ def test_the_network_is_told_how_well_odometry_and_mounts_are_known(
     network: ScanNetwork, monkeypatch: pytest.MonkeyPatch, errors: tuple[float, ...],
     robot: Robot | None, odometry: float,
 ) -> None:  # fmt: skip
-    """Of several cameras the worst counts."""
+    """The worst of several cameras counts."""
     told: list[Measurement] = []
     see = ScanPredictor.see
 
