@@ -38,7 +38,8 @@ Stairs: 14 of 0.20 by 0.25 m. Stones: eight of 0.5 m, behind gaps of 0.1 to 0.5 
 """
 WIDTH_M, _FLOOR_M = 12.0, 0.005
 HELD_S = 3.0
-"""The error of the heading is that so long after the robot was first told to turn, or at the end."""
+"""The heading is judged so long after the robot was first told to turn, or at the end of the run
+[s]."""
 
 
 @dataclass(frozen=True, kw_only=True)

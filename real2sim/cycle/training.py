@@ -24,15 +24,15 @@ FURTHER_KL = 0.01
 """Step of a policy that is trained further: `LearningSettings.desired_kl`, with which trainings
 begin."""
 FURTHER_STD = 0.15
-"""Least standard deviation of the actions of such a policy, `LearningSettings.std_range`; the shipped
-one came to 0.08."""
+"""Least standard deviation of the actions of such a policy, `LearningSettings.std_range`; that of
+the shipped one came to 0.08."""
 FURTHER_WIDE = 0.001
-"""Share of wide draws for such a policy, `WideSettings.share`, 0.3 for the shipped one. What the logs
+"""Share of wide draws for such a policy, `WideSettings.share`, 0.3 for the shipped one. What logs
 told of a robot need not be drawn; with 0 the critic would not have all inputs of its checkpoint.
 docs/cycle.md says what that gains and costs."""
 FURTHER_HARDEST = 0.8
-"""Difficulty of the hardest courses of such a policy, `CurriculumSettings.hardest`, of courses of all
-levels. Those that a cycle measures have 0.5 to 0.72."""
+"""Difficulty of the hardest courses of such a policy, `CurriculumSettings.hardest`. Those that a
+cycle measures have 0.5 to 0.72."""
 LEARNED = 0.75
 """Share of robots that the policy drives in the predictor's data, as in those of the shipped one:
 rules see to it that motions are not all alike."""

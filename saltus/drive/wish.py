@@ -31,8 +31,8 @@ STAND = Wish()
 
 
 def moving(wish: Wish, velocity: str) -> Wish:
-    """The wish that a change of one of its velocities, by its name, goes on from: to walk, or to
-    jump on where the robot turns.
+    """The wish in which one velocity, by its name, is then changed: to walk, or to jump on where the
+    robot turns.
     """
     if wish.mode == CommandMode.WALK or (wish.mode == CommandMode.JUMP and velocity == "turn_rps"):
         return wish

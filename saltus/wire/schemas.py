@@ -316,6 +316,5 @@ FORMER: dict[type[Message], tuple[str, ...]] = {
     )
     for kind in dict.fromkeys([*_OF_THE_LINE, *_ON_A_LINE])
 }
-"""Definitions in older recordings, the newest first: of before there were scans and jumps that turn,
-and of before
-messages carried their grid, when all heights stood on `FORMER_GRID`."""
+"""Definitions in older recordings, the newest first: of before there were scans and jumps that
+turn, and of before messages carried their grid, when all heights stood on `FORMER_GRID`."""
