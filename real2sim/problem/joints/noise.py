@@ -92,15 +92,28 @@ def whitening(pieces: Floats, floor: Floats, most_count: NDArray[np.bool_]) -> W
     return Whitening(weights=weights, innovation=innovation, spread=np.sqrt(variance))
 
 
-def quieter(repeats: Whitening, rough: Whitening, never: NDArray[np.bool_]) -> Whitening:
-    """The whitening of `repeats`, but that of `rough` where it is clearly quieter.
+def learned(
+    repeats: list[Floats], claimed: Floats, floor: Floats, is_coarse: NDArray[np.bool_]
+) -> Whitening:
+    """The whitening of repeats, or that of what is not smooth where it is clearly quieter.
 
-    `rough` is that of what is not smooth. Repeats that differ by more than noise, e.g. because a
-    battery emptied, overstate it. Where `never`, shape of the last axes, repeats are believed at
-    any rate.
+    Repeats that differ by more than noise, e.g. because a battery emptied, overstate it.
+
+    Args:
+        repeats: Pieces of `noise_of_repeats`; none where nothing is commanded twice.
+        claimed: Measured minus simulated without effects, shape (samples, ...).
+        floor: Smallest standard deviation to believe in, shape (...).
+        is_coarse: Signals of an encoder that hunts between two steps, differently each time, shape
+            (...): there most pieces are noise, and repeats are believed at any rate.
     """
-    taken = (rough.spread < CLEARLY_LESS * repeats.spread) & ~never
-    found: Whitening = map_arrays(lambda one, other: np.where(taken, one, other), rough, repeats)
+    rest, is_short = _smooth_left_out(claimed)
+    rough = whitening(rest, floor, is_coarse)
+    if not repeats:
+        return rough
+    known = whitening(np.concatenate(repeats), floor, is_coarse)
+    ratio = np.where(is_short, FAR_LESS, CLEARLY_LESS)  # short pieces lack slow noise
+    taken = (rough.spread < ratio * known.spread) & ~is_coarse
+    found: Whitening = map_arrays(lambda one, other: np.where(taken, one, other), rough, known)
     return found
 
 
@@ -116,9 +129,9 @@ def _quietest(pieces: int, count: int) -> float:
     return float(np.mean(chi2.ppf((np.arange(count) + 0.5) / pieces, PIECE)) / PIECE)
 
 
-def smooth_left_out(samples: Floats) -> Floats:
-    """Pieces of a signal, shape (samples, ...), without their smooth parts;
-    shape (pieces, PIECE, ...).
+def _smooth_left_out(samples: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """Pieces of a signal, shape (samples, ...), without their smooth parts, shape (pieces, PIECE,
+    ...), and where these were taken from short pieces, shape (...).
 
     Where a second at a time leaves far more than a quarter of a second at a time, it is no noise: a
     robot that never rests, of which the claimed model says little.
@@ -130,7 +143,8 @@ def smooth_left_out(samples: Floats) -> Floats:
     quiet = [
         np.quantile(np.mean(pieces**2, axis=1), QUIET_SHARE, axis=0) for pieces in (long, short)
     ]
-    return np.where(quiet[1] < FAR_LESS**2 * quiet[0], short, long)
+    is_short = quiet[1] < FAR_LESS**2 * quiet[0]
+    return np.where(is_short, short, long), is_short
 
 
 def _rest(samples: Floats, length: int) -> Floats:

@@ -29,13 +29,7 @@ from saltus.real2sim.problem.joints.motion import (
     uniform_rows,
     windows_of,
 )
-from saltus.real2sim.problem.joints.noise import (
-    Whitening,
-    noise_of_repeats,
-    quieter,
-    smooth_left_out,
-    whitening,
-)
+from saltus.real2sim.problem.joints.noise import learned, noise_of_repeats
 from saltus.real2sim.problem.joints.replay import SIGNALS, replay
 from saltus.real2sim.problem.joints.torque_curve import corners_of
 from saltus.real2sim.problem.log import gains, model_of, segments_of, torque_limits
@@ -302,17 +296,10 @@ class JointProblem(Problem):
         pieces = noise_of_repeats(
             rows.time_s, np.nan_to_num(signals), self._asked, self.segments, self._averaged
         )
-        # an encoder that hunts between two steps does so differently each time: there all pieces
-        # are noise
         is_coarse = np.array([step is not None for step in self._steps])[branches]
         nothing = np.zeros((1, len(self.blocks), self._candidates.count))
         claimed = self._apart(self._candidates.drives(nothing, self._motion.dt_s))[..., 0]
-        rough = whitening(smooth_left_out(claimed), floor, is_coarse)
-        self._whitening: Whitening = (
-            quieter(whitening(np.concatenate(pieces), floor, is_coarse), rough, is_coarse)
-            if pieces
-            else rough
-        )
+        self._whitening = learned(pieces, claimed, floor, is_coarse)
 
 
 def _kinks(corners: Floats, slopes: Floats) -> Kinks:
