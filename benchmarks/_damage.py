@@ -23,17 +23,17 @@ from saltus.grid import LINE
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.inventory import validate
 from saltus.heightmap.data.shards import MANIFEST, read_dataset, write_shard
-from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 from saltus.heightmap.settings import PredictorTraining
 from saltus.heightmap.training.train import HELD_OUT, settings_of, train
 from saltus.model_file import checksum_path
 from saltus.policy.planner import make_planner
 from saltus.policy.training.checkpoint import config_of, read_checkpoint
-from saltus.recordings.description import Topics
 from saltus.recordings.realsense import read_realsense
 from saltus.recordings.recorder import RECORDING_FILE
 from saltus.recordings.recording import read_recording
+from saltus.recordings.recording_description import BagTopics
 from saltus.recordings.rosbag import read_rosbag
 from saltus.recordings.run_log import read_run_log
 from saltus.recordings.run_log_export import export_run_log
@@ -136,7 +136,7 @@ def samples(folder: Path, robot: Robot) -> dict[str, SoundFile]:
         return HeightmapNetwork(robot, path)
 
     def bag(path: Path) -> object:
-        return read_rosbag(path, Topics())
+        return read_rosbag(path, BagTopics())
 
     run, log = folder / "run", folder / "log"
     bags = {

@@ -22,11 +22,11 @@ from typing import Any
 from saltus.runtime.programs import Program
 
 PARTS = {
-    "law": ("saltus.controller.tick:CompiledTick.act",),
-    "estimator": ("saltus.controller.tick:CompiledTick.sense",),
+    "law": ("saltus.controller.tick:CompiledTickLaw.act",),
+    "estimator": ("saltus.controller.tick:CompiledTickLaw.sense",),
     "tick": (
-        "saltus.controller.loop:ControlLoop.sense",
-        "saltus.controller.loop:ControlLoop.act",
+        "saltus.controller.control_loop:ControlLoop.sense",
+        "saltus.controller.control_loop:ControlLoop.act",
     ),
     "plant": ("saltus.sim.driven_robots:DrivenRobots.step",),
     "truth": ("saltus.controller.robot.mujoco:MujocoRobot.truth",),

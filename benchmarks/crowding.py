@@ -40,7 +40,7 @@ from saltus.errors import StackError
 from saltus.recordings.recording import Recording, read_recording
 from saltus.runtime.run_folder import CLIENT_FILE
 from saltus.runtime.stack import Stack
-from saltus.wire.keys import create, network_of
+from saltus.wire.certificates import create, network_of
 from saltus.wire.messages import RobotState
 
 BEFORE_S, DURING_S, AFTER_S = 0.5, 2.0, 2.0

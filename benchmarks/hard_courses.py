@@ -32,7 +32,7 @@ from saltus.flags import shown
 from saltus.folders import ask_for_room
 from saltus.grid import LINE
 from saltus.loop.heights import HeightsFactory
-from saltus.policy.evaluation.evaluate import BATCH, HEIGHTS, Evaluation, run_batch
+from saltus.policy.evaluation.evaluate import BATCH, HEIGHTS, EvaluationSettings, run_batch
 from saltus.policy.planner import make_planner
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
@@ -190,7 +190,7 @@ def run(
     """How trials of a model in a row went, by their seeds."""
     model, name, seeds = task
     row = ROWS[name]
-    evaluation = Evaluation(
+    evaluation = EvaluationSettings(
         robot="go1",
         grid="line",
         camera=camera,

@@ -26,9 +26,9 @@ from benchmarks._command import Command
 from benchmarks._measuring import Stopwatch, random_frames
 from saltus.depth import MODEL_CAMERA, Intrinsics, model_image, supersampled_model_camera
 from saltus.heightmap.level_robot import LevelRobot
-from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.fleet import FleetService, RobotRequest
 from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 from saltus.heightmap.service.service import HeightmapService
 from saltus.model_file import ModelFile
 from saltus.resources import resource

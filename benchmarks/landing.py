@@ -17,7 +17,7 @@ from benchmarks._command import Command, progress
 from saltus.arrays import Floats
 from saltus.config import TerrainConfig
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
-from saltus.controller.loop import FIRST_STAND_S, ControlLoop
+from saltus.controller.control_loop import FIRST_STAND_S, ControlLoop
 from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.depth_camera import load_camera
 from saltus.effects.profile import SHIPPED, load_profile

@@ -26,7 +26,7 @@ from saltus.errors import SaltusError
 from saltus.real2sim.pipeline import examine, judge
 from saltus.real2sim.problem.log import load_rigs
 from saltus.real2sim.problem.problem import Problem, WrappedProblem
-from saltus.real2sim.results import Examination
+from saltus.real2sim.results import LogExamination
 from saltus.real2sim.search.decide import REMAINDER_RMS
 from saltus.real2sim.sensors import SENSORS, Sensor
 
@@ -110,7 +110,7 @@ def _searched(log: Path, effect: str) -> dict[str, Any]:
     }
 
 
-def _remains(examined: Examination) -> bool:
+def _remains(examined: LogExamination) -> bool:
     """True where a sensor whose gap was explained keeps structure
     above what right simulations differ by.
     """

@@ -23,8 +23,8 @@ import zenoh
 from benchmarks._command import Command, progress
 from benchmarks.transport import PREFIX, SPAWN, latencies_ms
 from saltus.resources import resource
+from saltus.wire.certificates import create, issue, network_of
 from saltus.wire.joining import write_client
-from saltus.wire.keys import create, issue, network_of
 from saltus.wire.router import open_router
 
 KINDS = ("TCP", "sockets", "TLS")

@@ -23,9 +23,9 @@ from saltus.config import RunConfig, TerrainConfig
 from saltus.constants import PHYSICS_DT
 from saltus.effects.profile import IDEAL
 from saltus.real2sim.experiments.menu import Experiment
-from saltus.real2sim.experiments.motions import Commands, repeated
+from saltus.real2sim.experiments.motions import ExperimentCommands, repeated
 from saltus.real2sim.experiments.run import run
-from saltus.real2sim.experiments.safety import Limits
+from saltus.real2sim.experiments.safety import ExperimentLimits
 from saltus.real2sim.pipeline import find
 from saltus.recordings.run_log import write_run_log
 from saltus.recordings.run_log_export import export_run_log
@@ -107,7 +107,7 @@ def searched(log: Path, out: Path) -> dict[str, Any]:
 
 def trot(
     robot: Robot, duration_s: float, speed_m_s: float = 0.0, turn_rad_s: float = 0.0
-) -> Commands:
+) -> ExperimentCommands:
     """Angles of a robot that walks ahead, or turns to the left on the spot."""
     t = PHYSICS_DT * np.arange(round(duration_s / PHYSICS_DT))
     envelope = np.clip(np.minimum(t, duration_s - t) / START_S, 0.0, 1.0)[:, None]
@@ -127,7 +127,7 @@ def trot(
         + lift[..., None] * np.array([0.0, 0.0, 1.0])
     )
     q_des = np.asarray(legs.inverse(path))
-    return Commands(
+    return ExperimentCommands(
         q_des=q_des, dq_des=np.gradient(q_des, PHYSICS_DT, axis=0), tau_ff=np.zeros_like(q_des)
     )
 
@@ -139,7 +139,7 @@ def _path(name: str, **how: float) -> Experiment:
         shows=(),
         base="free",
         sections=lambda robot: repeated(name, 2, trot(robot, 6.0, **how)),
-        limits=Limits(),
+        limits=ExperimentLimits(),
     )
 
 

@@ -30,7 +30,7 @@ from benchmarks._command import Command, progress, tell
 from saltus.arrays import Floats, Indices
 from saltus.config import TerrainConfig
 from saltus.errors import SaltusError
-from saltus.policy.evaluation.evaluate import Evaluation, evaluate, merged
+from saltus.policy.evaluation.evaluate import EvaluationSettings, evaluate, merged
 from saltus.robots.legs import LegKinematics
 from saltus.robots.mjcf import derive
 from saltus.robots.robot import LEGS, Robot
@@ -104,7 +104,7 @@ class Benchmark(Command):
             robot = Path(shutil.copytree(model, Path(folder) / model.name))
             (robot / SUPPLEMENT_FILE).write_text(supplement, encoding="utf-8")
             flat = TerrainConfig(terrain="flat")
-            evaluation = Evaluation(
+            evaluation = EvaluationSettings(
                 robot=str(robot), grid="line", course=flat, trials=self.trials, seed=self.seed
             )
             result = merged(evaluate(evaluation))

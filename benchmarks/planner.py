@@ -17,7 +17,7 @@ from benchmarks._measuring import Stopwatch
 from saltus.config import TerrainConfig
 from saltus.grid import LINE
 from saltus.loop.planner import Observation, observe
-from saltus.policy.evaluation.evaluate import HEIGHTS, Evaluation, evaluate, merged
+from saltus.policy.evaluation.evaluate import HEIGHTS, EvaluationSettings, evaluate, merged
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
@@ -53,7 +53,7 @@ class Benchmark(Command):
         return {"first_seed": self.seed, "rows": rows, "plan": plan_times()}
 
     def _row(self, course: TerrainConfig, heights: str) -> dict[str, Any]:
-        evaluation = Evaluation(
+        evaluation = EvaluationSettings(
             robot="go1", grid="line", course=course, trials=self.trials, seed=self.seed
         )
         result = merged(evaluate(evaluation, HEIGHTS[heights]))

@@ -20,16 +20,16 @@ from numpy.typing import NDArray
 from benchmarks._command import Command
 from benchmarks._measuring import Stopwatch
 from saltus.controller.braking import BrakingState
-from saltus.controller.law import LegController
-from saltus.controller.signals import Reference, observe, reference_of
+from saltus.controller.leg_controller import LegController
 from saltus.controller.stance import FRICTION, ExactSolver, StanceLegs, StanceQP
-from saltus.controller.tick import CompiledTick, Tick
+from saltus.controller.tick import CompiledTickLaw, TickLaw
+from saltus.controller.yaw_frame import CentroidalReference, observe, reference_of
 from saltus.plan import Plan
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.rotations import quaternion_from_roll_pitch_yaw
-from saltus.states import RobotStates
+from saltus.states import ProprioceptionArrays
 from saltus.wire.messages import ControllerMode
 
 try:
@@ -84,7 +84,7 @@ class Benchmark(Command):
 
     def _law(self, rng: np.random.Generator) -> dict[str, Any]:
         """A tick of one robot, on numpy and compiled in turns, and of a batch."""
-        ticks = {"numpy": Tick(ROBOT), "compiled": CompiledTick(ROBOT)}
+        ticks = {"numpy": TickLaw(ROBOT), "compiled": CompiledTickLaw(ROBOT)}
         plans, robots = random_robots(rng, (self.ticks,))
         law, estimate = (
             ticks["numpy"].law.init((), ROBOT.stand_pose),
@@ -119,13 +119,13 @@ class Benchmark(Command):
 
 def random_robots(
     rng: np.random.Generator, batch: tuple[int, ...]
-) -> tuple[Reference, RobotStates]:
+) -> tuple[CentroidalReference, ProprioceptionArrays]:
     """Random robots and plans over the whole range of motion policies."""
 
     def uniform(low: float, high: float, *shape: int) -> NDArray[np.float64]:
         return np.asarray(rng.uniform(low, high, (*batch, *shape)))
 
-    robots = RobotStates(
+    robots = ProprioceptionArrays(
         quaternion_base_in_world=quaternion_from_roll_pitch_yaw(
             uniform(-0.5, 0.5), uniform(-0.8, 0.8), uniform(-3.1, 3.1)
         ),

@@ -46,10 +46,10 @@ from saltus.heightmap.data.shards import DatasetError, read_dataset, read_manife
 from saltus.heightmap.evaluation.held_out import HeldOutRuns
 from saltus.heightmap.evaluation.scores import scores
 from saltus.heightmap.model import MAX_IMAGE_AGE_S, HeightmapModel
-from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 from saltus.heightmap.settings import ClosedLoop, DeliveryName, PredictorTraining
-from saltus.heightmap.training.export import Origin, export
+from saltus.heightmap.training.export import ModelOrigin, export
 from saltus.heightmap.training.train import load_checkpoint, split, train
 from saltus.heightmap.training.validate import MIN_WARMUP, accuracy
 from saltus.resources import resource
@@ -190,7 +190,7 @@ def exported(model: HeightmapModel, path: Path) -> Path:
     export(
         model,
         path,
-        Origin(
+        ModelOrigin(
             robot="go1",
             grid=LINE,
             camera=SHIPPED["d435i"],

@@ -32,7 +32,7 @@ from saltus.render.backends import NAMES, has_driver, make_renderer, make_stereo
 from saltus.render.camera import RobotCamera
 from saltus.render.stereo.camera import StereoCamera, StereoConfig
 from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled
-from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.optics import StereoOptics
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.rotations import quaternion_from_roll_pitch_yaw
@@ -173,7 +173,7 @@ def noisy_exposure(case: Case, robots: Poses) -> Callable[[], object]:
     """The chain of the sensor's own pixels, or that for training, in one process."""
     rows, columns = (NATIVE, NATIVE) if case.noise == "native" else (ROWS, COLUMNS)
     view, instants = supersampled_model_camera(rows, columns), instants_s()
-    optics = Optics.of(view)
+    optics = StereoOptics.of(view)
     pair = make_stereo(case.backend, TERRAIN, optics, RobotCamera.on(ROBOT, view, legs=case.legs))
     cameras = StereoCamera(StereoConfig(), optics)
     state = cameras.init((case.batch,), np.random.default_rng(0))
@@ -204,7 +204,7 @@ def warp_exposure(case: Case) -> Callable[[], object]:
         torch.as_tensor(array, dtype=torch.float32, device=caster.device)
         for array in poses(case.batch)
     ]
-    optics = Optics.of(view)
+    optics = StereoOptics.of(view)
     cameras = StereoCamera(StereoConfig(), optics, KorniaWindows())
     drawn = cameras.init((case.batch,), np.random.default_rng(0)) if case.noise != "none" else ()
     state = map_arrays(lambda array: torch.as_tensor(array, device=caster.device), drawn)

@@ -16,10 +16,10 @@ import numpy as np
 from benchmarks._command import Command, progress, tell
 from saltus.depth import D435I, depth_frame, depth_in_millimetres
 from saltus.render.camera import RobotCamera
-from saltus.render.fit import fit
 from saltus.render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
-from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.optics import StereoOptics
 from saltus.render.stereo_embree import StereoEmbree
+from saltus.render.stereo_fit import fit
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.rotations import quaternion_from_roll_pitch_yaw
@@ -119,7 +119,7 @@ class HiddenCamera:
 
 def recording(hidden: HiddenCamera, count: int, rng: np.random.Generator) -> list[DepthFrame]:
     """Frames of a robot that stands, as the camera sends them."""
-    optics = Optics.of(D435I, baseline_m=hidden.baseline_m)
+    optics = StereoOptics.of(D435I, baseline_m=hidden.baseline_m)
     angles = (np.asarray(angle) for angle in (hidden.roll, hidden.pitch, hidden.yaw))
     position = np.array([FIRST_EDGE_X - hidden.distance_m, 0.0, hidden.trunk_m])
     pair = StereoEmbree(hidden.terrain, optics, RobotCamera.on(ROBOT, D435I))

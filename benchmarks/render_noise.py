@@ -20,12 +20,12 @@ from saltus.config import TerrainConfig
 from saltus.depth import D435I, Intrinsics, supersampled_model_camera
 from saltus.effects.signals import DepthImage
 from saltus.render.camera import RobotCamera
-from saltus.render.fit import fit, load_frames
 from saltus.render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
 from saltus.render.stereo.image import stereo_image
 from saltus.render.stereo.model_view import pooled
-from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.optics import StereoOptics
 from saltus.render.stereo_embree import StereoEmbree
+from saltus.render.stereo_fit import fit, load_frames
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.rotations import quaternion_from_roll_pitch_yaw
@@ -67,7 +67,7 @@ def exposures(
     config: StereoConfig, camera: Intrinsics, scene: tuple[Any, Any], count: int
 ) -> Floats:
     """Frames [m], a second apart, shape (count, height, width)."""
-    stereo = StereoCamera(config, Optics.of(camera, sensor=camera))
+    stereo = StereoCamera(config, StereoOptics.of(camera, sensor=camera))
     state = stereo.init((), np.random.default_rng(0))
     frames = []
     for k in range(count):
@@ -144,7 +144,7 @@ def recorded_rows(path: Path) -> list[dict[str, Any]]:
     result = fit(load_frames(path))
     scene = result.scene
     nearest = filled(scene.median)
-    optics = Optics(focal_px=scene.fx)
+    optics = StereoOptics(focal_px=scene.fx)
     depth = (1.0 / nearest).astype(np.float32)
     margin = result.parameters.margin_px.value or 0.0
     config = replace(UNFILTERED, search_range=replace(UNFILTERED.search_range, margin=margin))
@@ -214,7 +214,7 @@ def pose(x: float, yaw: float, joints: Floats = ROBOT.stand_pose) -> tuple[Float
 
 def cost_rows() -> list[dict[str, Any]]:
     """Milliseconds of each effect on the native crop, one image on one core."""
-    optics = Optics.of(NATIVE)
+    optics = StereoOptics.of(NATIVE)
     pair = StereoEmbree(
         make_terrain(TerrainConfig(rise_m=0.06)), optics, RobotCamera.on(ROBOT, NATIVE)
     )
@@ -258,7 +258,7 @@ def draw(path: Path) -> None:
     """The stages of the chain, for a robot beside stairs with its front legs in view,
     on a grey page.
     """
-    optics = Optics.of(D435I)
+    optics = StereoOptics.of(D435I)
     pair = StereoEmbree(
         make_terrain(TerrainConfig(rise_m=0.06)), optics, RobotCamera.on(ROBOT, D435I)
     )

@@ -25,12 +25,12 @@ from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import read_dataset, read_manifest, write_shard
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.settings import BackEnd, ClosedLoop, ModelSettings, PredictorTraining
+from saltus.heightmap.settings import BackEndName, ClosedLoop, ModelSettings, PredictorTraining
 from saltus.heightmap.training.train import train
 from saltus.heightmap.training.validate import accuracy
 from saltus.resources import resource
 
-RENDERERS: tuple[BackEnd, ...] = ("embree", "pyrender")
+RENDERERS: tuple[BackEndName, ...] = ("embree", "pyrender")
 DATA_SEEDS = {"fitted": 4031, "held-out": 4032}
 SIZES = {
     "small": ModelSettings(channels=(4, 8, 8), hidden=64, head=(64,)),
@@ -84,7 +84,7 @@ class Benchmark(Command):
     def _data(self, renderer: str, use: str) -> Path:
         return self.out / f"{use}-{renderer}"
 
-    def _collect(self, renderer: BackEnd, use: str, seed: int) -> None:
+    def _collect(self, renderer: BackEndName, use: str, seed: int) -> None:
         """Makes a dataset unless it is there."""
         if read_manifest(self._data(renderer, use)):
             return
@@ -105,7 +105,7 @@ class Benchmark(Command):
             )
 
     def _errors_mm(
-        self, trained_on: BackEnd, seed: int, shown: dict[BackEnd, list[Episode]]
+        self, trained_on: BackEndName, seed: int, shown: dict[BackEndName, list[Episode]]
     ) -> dict[str, float]:
         """Trains a network unless it is there; its errors with the images of each renderer."""
         folder = self.out / f"{trained_on}-{self.size}-{seed}"
@@ -125,7 +125,7 @@ class Benchmark(Command):
         return errors_mm(exported(model, folder / "heightmap.onnx"), shown)
 
 
-def errors_mm(model: Path, shown: dict[BackEnd, list[Episode]]) -> dict[str, float]:
+def errors_mm(model: Path, shown: dict[BackEndName, list[Episode]]) -> dict[str, float]:
     """Mean absolute errors of a model file with the images of each renderer."""
     network = HeightmapNetwork(ROBOT, model)
     return {

@@ -23,7 +23,7 @@ from saltus.arrays import Floats
 from saltus.errors import SaltusError
 from saltus.grid import HeightGrid
 from saltus.heightmap.scan.cells import places, sampled
-from saltus.heightmap.scan.elevation import Measurement, Pose, advanced, new_map
+from saltus.heightmap.scan.elevation import MapUpdate, OdometryPoses, advanced, new_map
 from saltus.heightmap.scan.geometry import geometric_heights
 from saltus.heightmap.scan.predictor import ScanNetwork, ScanPredictor
 from saltus.resources import resource
@@ -76,8 +76,8 @@ class Benchmark(Command):
         seen = _near(AHEAD.points, level[on_floor, :2]) & ~_near(
             AHEAD.points, level[~on_floor, :2], 0.1
         )
-        pose = Pose(np.zeros((1, 3), np.float32), assumed[None].astype(np.float32))
-        measured = Measurement(
+        pose = OdometryPoses(np.zeros((1, 3), np.float32), assumed[None].astype(np.float32))
+        measured = MapUpdate(
             points=points[None].astype(np.float32), depth=depth[None].astype(np.float32),
             exposed=pose, now=pose,
             feet=np.zeros((1, 1, 3), np.float32), standing=np.zeros((1, 1), bool),

@@ -13,7 +13,7 @@ import torch
 
 from benchmarks._command import Command, tell
 from saltus.heightmap.scan.settings import MapSettings
-from saltus.heightmap.scan.training.evaluation import Score, evaluate, rivals_of, rows_of
+from saltus.heightmap.scan.training.evaluation import ScanScore, evaluate, rivals_of, rows_of
 from saltus.heightmap.scan.training.settings import ScanTrainSettings
 
 TRIED: dict[str, tuple[float, ...]] = {
@@ -72,7 +72,7 @@ def variants_of(settings: MapSettings) -> dict[str, MapSettings]:
     return variants
 
 
-def by_method(scores: list[Score]) -> dict[str, dict[str, float]]:
+def by_method(scores: list[ScanScore]) -> dict[str, dict[str, float]]:
     """Errors of the scan's points [mm] by method and group."""
     found: dict[str, dict[str, float]] = {}
     for score in scores:

@@ -16,10 +16,10 @@ from benchmarks._command import Command
 from saltus.arrays import Singles
 from saltus.depth import D435I, depth_frame
 from saltus.grid import SCAN
-from saltus.heightmap.scan.body import RobotBody
-from saltus.heightmap.scan.cameras import ScanCamera
-from saltus.heightmap.scan.planes import MEASURED, MEMORY, NUMBERS, Inputs
+from saltus.heightmap.scan.network_inputs import MEASURED, MEMORY, NUMBERS, ScanInputs
+from saltus.heightmap.scan.own_body import RobotBody
 from saltus.heightmap.scan.predictor import ScanNetwork
+from saltus.heightmap.scan.scan_camera import ScanCamera
 from saltus.heightmap.service.scan import FIRST, ScanRig, ScanService
 from saltus.render.camera import ray_directions
 from saltus.robots.loading import load_robot
@@ -105,8 +105,8 @@ def _ms(call: Callable[[], Any]) -> float:
     return 1e3 * (time.process_time() - began)
 
 
-def _inputs(network: ScanNetwork) -> Inputs:
+def _inputs(network: ScanNetwork) -> ScanInputs:
     side = network.settings.side
     shapes = [(side, side), (len(MEASURED), side, side), (len(MEMORY), side, side), (len(NUMBERS),)]
     planes: list[Singles] = [np.zeros((1, *shape), np.float32) for shape in shapes]
-    return Inputs(*planes)
+    return ScanInputs(*planes)

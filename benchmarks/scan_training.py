@@ -11,7 +11,7 @@ import torch
 
 from benchmarks._command import Command
 from saltus.heightmap.scan.training.settings import ScanTrainSettings
-from saltus.heightmap.scan.training.train import Trainer
+from saltus.heightmap.scan.training.train import ScanTrainer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +31,7 @@ class Benchmark(Command):
         figures: dict[str, Any] = {}
         for compiled in (False, True) if on_gpu else (False,):
             began = time.monotonic()
-            trainer = Trainer(settings, device, compiled=compiled)
+            trainer = ScanTrainer(settings, device, compiled=compiled)
             trainer.round(0.0, 0.01)
             warm = time.monotonic()
             trainer.round(0.01, 0.02)

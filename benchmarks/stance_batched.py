@@ -27,14 +27,14 @@ from saltus.controller.stance import (
 )
 from saltus.controller.stance_batched import BatchedSolver
 from saltus.grid import LINE
-from saltus.policy.env.env import JumpEnv
-from saltus.policy.env.settings import EnvSettings
+from saltus.policy.env.jump_env import JumpEnv
+from saltus.policy.env.settings import JumpEnvSettings
 from saltus.policy.training.learner import FIRST_ACTION
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.sim.cpu_engine import CpuEngine
-from saltus.terrain.batch import BOXES
+from saltus.terrain.course_batch import BOXES
 
 SHOWN = (50, 90, 99)
 
@@ -68,7 +68,7 @@ def problems(robots: int, steps: int) -> StanceQP:
     torch.manual_seed(0)
     robot = load_robot(DEFAULT_ROBOT)
     solver = ProblemRecorder(robot)
-    env = JumpEnv(CpuEngine(robot, robots, BOXES), EnvSettings(), LINE, seed=0, solver=solver)
+    env = JumpEnv(CpuEngine(robot, robots, BOXES), JumpEnvSettings(), LINE, seed=0, solver=solver)
     output = env.config.bounds.normalised(torch.tensor([FIRST_ACTION]))
     for _ in range(steps):
         env.step(output + 0.4 * torch.randn(robots, output.shape[1]))

@@ -31,7 +31,7 @@ from saltus.recordings.run_log import RunLog, write_run_log
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import LEGS
 from saltus.robots.shipped import DEFAULT_ROBOT
-from saltus.sim import scene
+from saltus.sim import robot_model
 from saltus.sim.plant import HELD_HEIGHT, HELD_INERTIA, HELD_TOLERANCE
 from saltus.terrain import flat
 
@@ -146,7 +146,7 @@ def _modifier(name: str) -> Callable[[mujoco.MjSpec, "Parameter"], None]:
 
 
 def _model(params: "ParameterDict") -> mujoco.MjModel:
-    spec = scene.build_spec(ROBOT, flat.make())
+    spec = robot_model.build_spec(ROBOT, flat.make())
     for name in LARGEST:
         params[name].apply_modifier(spec)
     model = spec.compile()

@@ -16,8 +16,8 @@ import torch
 from benchmarks._command import Command
 from saltus.constants import POLICY_STEPS
 from saltus.grid import load_grid
-from saltus.policy.env.env import JumpEnv
-from saltus.policy.env.settings import TrainSettings, for_cpu, for_gpu
+from saltus.policy.env.jump_env import JumpEnv
+from saltus.policy.env.settings import JumpTrainSettings, for_cpu, for_gpu
 from saltus.policy.training.learner import JumpLearner
 from saltus.policy.training.train import device_of_this_process, make_engine
 from saltus.robots.loading import load_robot
@@ -45,7 +45,7 @@ class Benchmark(Command):
 
 
 def measure(
-    config: TrainSettings, device: str, iterations: int, repeats: int = _REPEATS
+    config: JumpTrainSettings, device: str, iterations: int, repeats: int = _REPEATS
 ) -> dict[str, Any]:
     """Trains for some iterations, then times the stages of a step one by one."""
     engine = make_engine(load_robot(DEFAULT_ROBOT), config.robots, config.env, device)

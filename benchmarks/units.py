@@ -27,8 +27,8 @@ from saltus.real2sim.experiments.menu import EXPERIMENTS
 from saltus.real2sim.experiments.run import run
 from saltus.real2sim.pipeline import find
 from saltus.real2sim.screening.screen import screen
+from saltus.recordings.log_units import SIGNALS
 from saltus.recordings.run_log import RunLog, write_run_log
-from saltus.recordings.units import SIGNALS
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 

@@ -28,7 +28,7 @@ from saltus.grid import DEFAULT_GRID, WALKING_GRID
 from saltus.heightmap.data.predicted import PredictedHeightsFactory
 from saltus.heightmap.data.scan_heights import ScanHeightSourceFactory
 from saltus.loop.heights import shifted_heights
-from saltus.policy.evaluation.evaluate import Evaluation, evaluate, merged
+from saltus.policy.evaluation.evaluate import EvaluationSettings, evaluate, merged
 from saltus.policy.evaluation.walking_trials import WalkTrials, crossing_row, run_tasks, tasks
 from saltus.policy.evaluation.walks import TrueHeightSource
 from saltus.policy.planner import make_planner
@@ -74,7 +74,7 @@ class Benchmark(Command):
         }  # fmt: skip
 
     def _jumps(self, folder: Path) -> dict[str, Any]:
-        evaluation = Evaluation(
+        evaluation = EvaluationSettings(
             robot=str(folder), grid=DEFAULT_GRID, camera=CAMERA, course=STAIRS,
             profile=str(folder / PROFILE_FILE), trials=self.trials, seed=self.seed,
         )  # fmt: skip

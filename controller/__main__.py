@@ -6,14 +6,14 @@ from dataclasses import asdict
 
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.controller.compensation import compensation_for
-from saltus.controller.course import AT_REST, CourseRun, CourseState
+from saltus.controller.control_loop import ControlLoop
+from saltus.controller.course_run import AT_REST, CourseRun, CourseState
 from saltus.controller.lockstep import Lockstep
-from saltus.controller.loop import ControlLoop
-from saltus.controller.plans import Plans
+from saltus.controller.newest_plan import NewestPlan
 from saltus.controller.robot.backend import CourseRobot
 from saltus.controller.robot.mujoco import MujocoRobot
-from saltus.controller.shove import Shove
-from saltus.controller.tick import CompiledTick, Tick
+from saltus.controller.shove import TrunkShove
+from saltus.controller.tick import CompiledTickLaw, TickLaw
 from saltus.runtime.process import ProcessContext, run_process
 from saltus.runtime.ticker import Ticker
 from saltus.tuning import freeze
@@ -62,13 +62,13 @@ class ControllerRun:
         compensation = compensation_for(context.config.known, kind)
         # Nobody is late there: the reference itself, to the bit
         lockstep = context.config.pace == "lockstep"
-        tick = (Tick if lockstep else CompiledTick)(kind, compensation)
+        tick = (TickLaw if lockstep else CompiledTickLaw)(kind, compensation)
         # One that is simulated here begins in its stand pose
         self._loop = ControlLoop(kind, tick, rises=context.config.link == "dds")
         self._course = CourseRun(context.setup.terrain, context.config.time_limit_s)
         self._progress = CourseState(outcome=None, halt=False, over=False)
-        self._plans = Plans(context)
-        self._shove = Shove(context.bus)
+        self._plans = NewestPlan(context)
+        self._shove = TrunkShove(context.bus)
         self._joints = context.bus.publisher("controller/joints")
         self._states = context.bus.publisher("controller/state")
         self._truths = context.bus.publisher("plant/truth")

@@ -14,8 +14,8 @@ from typing import Protocol
 from saltus.arrays import Constant, Flags, Legs, Scalars, Vectors, namespace
 from saltus.constants import PHYSICS_DT
 from saltus.controller.gait import GaitSignal
-from saltus.controller.law import Diagnostics
-from saltus.controller.signals import Reference, reference_of
+from saltus.controller.leg_controller import Diagnostics
+from saltus.controller.yaw_frame import CentroidalReference, reference_of
 from saltus.footholds import SWING_RATIO
 from saltus.plan import Plan, swing_lift
 from saltus.robots.robot import Robot
@@ -87,7 +87,7 @@ class BrakingState:
 
 
 class MovingBody(Protocol):
-    """Motion of the body: the part of `saltus.controller.signals.YawFrameBody` that braking
+    """Motion of the body: the part of `saltus.controller.yaw_frame.YawFrameBody` that braking
     needs.
     """
 
@@ -160,7 +160,7 @@ class Braking:
 
     def reference(
         self, last: LastTick, base_height: Scalars, heading: Scalars, state: BrakingState
-    ) -> Reference:
+    ) -> CentroidalReference:
         """The reference of the braking plan.
 
         Args:
@@ -191,7 +191,7 @@ class Braking:
         )
         return reference_of(plan, heading)
 
-    def catching(self, reference: Reference, state: BrakingState) -> Reference:
+    def catching(self, reference: CentroidalReference, state: BrakingState) -> CentroidalReference:
         """The reference for sprung legs: with feet along the slope of the ground."""
         rise = self._slope(state)[..., None] * self._legs_x.like(state.foothold)
         return replace(reference, foot_residual=rise[..., None] * self._up.like(rise))

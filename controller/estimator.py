@@ -23,7 +23,7 @@ from saltus.constants import GRAVITY, PHYSICS_DT
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.rotations import rotation_matrix, skew
-from saltus.states import Measurement
+from saltus.states import SensorReadings
 
 _TINY = 1e-12
 _GRAVITY = Constant([0.0, 0.0, -GRAVITY])
@@ -76,7 +76,7 @@ class Estimator:
         )
 
     def step(
-        self, measured: Measurement, trusted: LegFlags, state: EstimatorState
+        self, measured: SensorReadings, trusted: LegFlags, state: EstimatorState
     ) -> EstimatorState:
         """One tick of 2 ms.
 
@@ -99,7 +99,7 @@ class Estimator:
         )
 
     def _legs(
-        self, measured: Measurement, rotation: Rotations, trusted: LegFlags, velocity: Vectors
+        self, measured: SensorReadings, rotation: Rotations, trusted: LegFlags, velocity: Vectors
     ) -> tuple[MotionEstimates, Array]:
         """Velocity and height of the base by the trusted feet,
         (..., 4), and how far to believe them, (..., 1).

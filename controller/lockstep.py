@@ -5,7 +5,7 @@ heightmap and planner have answered.
 import time
 from collections.abc import Callable
 
-from saltus.controller.plans import Plans
+from saltus.controller.newest_plan import NewestPlan
 from saltus.errors import StackError
 from saltus.runtime.process import ProcessContext
 from saltus.wire.messages import GroundTruth, RobotState
@@ -20,7 +20,7 @@ POLL_S = 0.1  # how often a wait looks whether the process should stop
 class Lockstep:
     """Asks the other processes and waits for their answers; all of them may be asked twice."""
 
-    def __init__(self, context: ProcessContext, plans: Plans) -> None:
+    def __init__(self, context: ProcessContext, plans: NewestPlan) -> None:
         self._context = context
         self._plans = plans
         self._truths = context.bus.publisher("plant/truth")
@@ -35,7 +35,7 @@ class Lockstep:
         False if the process is to stop.
 
         `state` makes the robot state from time, step and the newest camera frame that is due. The
-        plan is then in `Plans`.
+        plan is then in `NewestPlan`.
 
         Raises:
             StackError: one of them has not answered for `SILENCE_LIMIT_S`.

@@ -10,7 +10,7 @@ HARDEST_NS = 100.0
 """[Ns]: a robot of 13 kg is then thrown sideways at 8 m/s."""
 
 
-class Shove:
+class TrunkShove:
     """Obeys "push", whose detail is the impulse towards the left of the course [Ns],
     negative to the right.
 

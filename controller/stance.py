@@ -29,7 +29,7 @@ from saltus.arrays import (
     namespace,
 )
 from saltus.constants import GRAVITY
-from saltus.controller.signals import YawFrameBody
+from saltus.controller.yaw_frame import YawFrameBody
 from saltus.errors import SaltusError
 from saltus.robots.robot import Robot
 from saltus.robots.similarity import Similarity

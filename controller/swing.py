@@ -9,7 +9,7 @@ import numpy as np
 
 from saltus.arrays import Constant, Joints, Legs, PerLeg, Scalars, namespace, smooth_step
 from saltus.constants import GRAVITY
-from saltus.controller.signals import YawFrameBody
+from saltus.controller.yaw_frame import YawFrameBody
 from saltus.footholds import Footholds
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot

@@ -1,8 +1,8 @@
 """The laws of one tick of the control loop: on numpy,
 which is the reference, or compiled for one robot.
 
-`CompiledTick` has the same laws as straight-line Python on floats (`saltus.straight_line`), which
-takes a fifth of the time. A test holds it to `Tick` over thousands of drawn robots
+`CompiledTickLaw` has the same laws as straight-line Python on floats (`saltus.straight_line`),
+which takes a fifth of the time. A test holds it to `TickLaw` over thousands of drawn robots
 (tests/controller/test_tick.py).
 """
 
@@ -16,15 +16,21 @@ from saltus.controller.braking import Braking, BrakingState
 from saltus.controller.compensation import Compensation
 from saltus.controller.estimator import Estimator, EstimatorState
 from saltus.controller.gait import GaitSignal, standing
-from saltus.controller.law import LawState, LegController
-from saltus.controller.signals import Reference, reference_of
+from saltus.controller.leg_controller import LawState, LegController
 from saltus.controller.stance import ExactSolver, StanceQP, StanceSolver
+from saltus.controller.yaw_frame import CentroidalReference, reference_of
 from saltus.joint_command import JointCommand
 from saltus.plan import REST, Plan
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
-from saltus.states import Measurement, RobotStates, Sensed, standing_state, states_of
+from saltus.states import (
+    ProprioceptionArrays,
+    SensorArrays,
+    SensorReadings,
+    standing_state,
+    states_of,
+)
 from saltus.straight_line import straight_line
 from saltus.symbols import Symbols, noted_call
 from saltus.wire.messages import ControllerMode
@@ -39,7 +45,7 @@ ALIKE = {
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Sensing:
+class SensingResult:
     """Results of the first half of a tick."""
 
     roll: Scalars
@@ -64,7 +70,7 @@ class BodyMotion:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Acting:
+class ActingResult:
     """Results of the second half."""
 
     command: JointCommand
@@ -76,7 +82,7 @@ class Acting:
     """A landing is over, bool, shape (...)."""
 
 
-class Tick:
+class TickLaw:
     """Laws of a tick on numpy."""
 
     def __init__(
@@ -89,12 +95,16 @@ class Tick:
         self.estimator = Estimator(robot)
         self.law = LegController(robot, compensation=compensation, solver=solver)
         self.braking = Braking(robot)
-        self.reference: Callable[[Plan, Scalars], Reference] = reference_of
-        self.brakes: Callable[[Acting, Scalars, Scalars, BrakingState], Reference]
+        self.reference: Callable[[Plan, Scalars], CentroidalReference] = reference_of
+        self.brakes: Callable[[ActingResult, Scalars, Scalars, BrakingState], CentroidalReference]
         self.brakes = self.braking.reference
-        self.catches: Callable[[Reference, BrakingState], Reference] = self.braking.catching
+        self.catches: Callable[[CentroidalReference, BrakingState], CentroidalReference] = (
+            self.braking.catching
+        )
 
-    def sense(self, measured: Measurement, trusted: LegFlags, estimate: EstimatorState) -> Sensing:
+    def sense(
+        self, measured: SensorReadings, trusted: LegFlags, estimate: EstimatorState
+    ) -> SensingResult:
         """Attitude and estimate.
 
         Legs that are `trusted`, bool, shape (..., 4), are known to stand.
@@ -108,20 +118,20 @@ class Tick:
             measured.joint_position, measured.joint_velocity, estimate.mean,
         )  # fmt: skip
         total = xp.sum(xp.concat(known, axis=-1), axis=-1)
-        return Sensing(roll=roll, pitch=pitch, yaw=yaw, estimate=estimate, total=total)
+        return SensingResult(roll=roll, pitch=pitch, yaw=yaw, estimate=estimate, total=total)
 
     def act(
         self,
-        reference: Reference,
-        states: RobotStates,
+        reference: CentroidalReference,
+        states: ProprioceptionArrays,
         law: LawState,
         ground: BrakingState,
         mode: ControllerMode,
-    ) -> Acting:
+    ) -> ActingResult:
         """Command, and what is remembered for the next tick."""
         command, law, diagnostics = self.law.step(reference, states, law, mode)
         body = diagnostics.body
-        return Acting(
+        return ActingResult(
             command=command,
             law=law,
             gait=diagnostics.gait,
@@ -133,7 +143,7 @@ class Tick:
         )
 
 
-class CompiledTick(Tick):
+class CompiledTickLaw(TickLaw):
     """Laws of a tick for one robot, compiled to Python on floats.
 
     Numpy does what they cannot: changes of mode, and numbers that are none.
@@ -141,10 +151,12 @@ class CompiledTick(Tick):
 
     def __init__(self, robot: Robot, compensation: Compensation | None = None) -> None:
         super().__init__(robot, compensation)
-        laws = Tick(robot, compensation, NotedSolver(robot))
+        laws = TickLaw(robot, compensation, NotedSolver(robot))
         pose = robot.stand_pose
         still, legs = standing_state(robot), standing((), pose)
-        measured = Sensed(**{field.name: getattr(still, field.name) for field in fields(Sensed)})
+        measured = SensorArrays(
+            **{field.name: getattr(still, field.name) for field in fields(SensorArrays)}
+        )
         law, estimate = self.law.init((), pose), self.estimator.init((), pose)
         states = states_of(measured, estimate, legs)
         ground = self.braking.init(LegKinematics(robot).position(pose))
@@ -160,27 +172,31 @@ class CompiledTick(Tick):
             for mode in set(ControllerMode) - set(ALIKE)
         }
 
-    def sense(self, measured: Measurement, trusted: LegFlags, estimate: EstimatorState) -> Sensing:
-        """See `Tick.sense`."""
+    def sense(
+        self, measured: SensorReadings, trusted: LegFlags, estimate: EstimatorState
+    ) -> SensingResult:
+        """See `TickLaw.sense`."""
         try:
-            sensing: Sensing = self._sense(measured, trusted, estimate)
+            sensing: SensingResult = self._sense(measured, trusted, estimate)
         except (ArithmeticError, ValueError):
             return super().sense(measured, trusted, estimate)
         return sensing
 
     def act(
         self,
-        reference: Reference,
-        states: RobotStates,
+        reference: CentroidalReference,
+        states: ProprioceptionArrays,
         law: LawState,
         ground: BrakingState,
         mode: ControllerMode,
-    ) -> Acting:
-        """See `Tick.act`."""
+    ) -> ActingResult:
+        """See `TickLaw.act`."""
         if mode != law.mode:
             return super().act(reference, states, law, ground, mode)
         try:
-            acting: Acting = self._act[ALIKE.get(mode, mode)](reference, states, law, ground, mode)
+            acting: ActingResult = self._act[ALIKE.get(mode, mode)](
+                reference, states, law, ground, mode
+            )
         except (ArithmeticError, ValueError):
             return super().act(reference, states, law, ground, mode)
         return (
@@ -190,13 +206,15 @@ class CompiledTick(Tick):
         )
 
 
-def _on_floats(law: Callable[..., Reference], *examples: object) -> Callable[..., Reference]:
+def _on_floats(
+    law: Callable[..., CentroidalReference], *examples: object
+) -> Callable[..., CentroidalReference]:
     """The law for one robot: compiled, and itself where floats have no result."""
     compiled = straight_line(law, *examples)
 
-    def step(*given: object) -> Reference:
+    def step(*given: object) -> CentroidalReference:
         try:
-            reference: Reference = compiled(*given)
+            reference: CentroidalReference = compiled(*given)
         except (ArithmeticError, ValueError):
             return law(*given)
         return reference

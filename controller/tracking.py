@@ -9,7 +9,7 @@ from saltus.joint_command import JointCommand
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.rotations import rotation_matrix
-from saltus.states import Measurement
+from saltus.states import SensorReadings
 from saltus.wire.messages import JointPlan
 
 LEAST_SHARE = 0.13
@@ -19,7 +19,7 @@ percentile): at 16 N, this share, as many of them are taken to stand as standing
 and 7 % of all feet."""
 
 
-class Tracking:
+class JointTargetTracking:
     """Follows joint targets of one robot; laws for any leading batch dimensions."""
 
     def __init__(self, robot: Robot, compensation: Compensation | None = None) -> None:
@@ -34,7 +34,7 @@ class Tracking:
         )
         return command if self._compensation is None else self._compensation(command)
 
-    def contact(self, measured: Measurement, torque: Joints) -> LegFlags:
+    def contact(self, measured: SensorReadings, torque: Joints) -> LegFlags:
         """Feet on which the robot stands, bool, shape (..., 4), by the torques of its joints.
 
         No schedule says it. Masses of the legs are left out.

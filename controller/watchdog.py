@@ -19,7 +19,7 @@ TILT_LIMIT_RAD = radians(60.0)
 """Beyond this a robot is not upright: the definition of a failed trial."""
 RISE_S = 1.0
 """A robot that lay goes after this at the soonest: the time in which it gets up
-(`saltus.controller.law.STAND_BLEND_S`)."""
+(`saltus.controller.leg_controller.STAND_BLEND_S`)."""
 LANDING_LIMIT_S = 1.1
 """A landing is over after this at the latest, and so 1.2 s after the planner has gone. From 1.8 m/s
 the robot brakes with one or two contacts of each pair of legs before sprung legs catch it: it does

@@ -17,7 +17,7 @@ from saltus.effects.profile import IDEAL, Profile
 from saltus.real2sim.demonstration import Demonstration, demonstrate
 from saltus.real2sim.experiments.motions import Floats
 from saltus.real2sim.experiments.run import SensorNoise, run
-from saltus.real2sim.reporting.words import sentence
+from saltus.real2sim.reporting.verdict_text import sentence
 from saltus.recordings.run_log import RunLog, read_run_log
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import JOINTS

@@ -8,15 +8,15 @@ from pathlib import Path
 from saltus.depth_camera import load_camera
 from saltus.effects.profile import SHIPPED
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
-from saltus.heightmap.data.collecting import Collection, collect_batches
+from saltus.heightmap.data.collecting import CollectionResult, collect_batches
 from saltus.heightmap.data.delivery import hardware_table
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.settings import ClosedLoop, ProcessorCollection
 from saltus.robots.loading import load_robot
-from saltus.workers import Listener, in_order
+from saltus.workers import WorkerListener, in_order
 
-Key = tuple[int, int, int]
+EpisodeKey = tuple[int, int, int]
 """Key of a batch: seed, round, number."""
 
 
@@ -26,8 +26,8 @@ def collect(
     done: Callable[[int], object],
     *,
     processes: int | None = None,
-    listener: Listener | None = None,
-) -> Collection:
+    listener: WorkerListener | None = None,
+) -> CollectionResult:
     """Adds a shard to a dataset.
 
     Arguments and errors as those of `collect_batches` and `closed_loop_batches`.
@@ -49,10 +49,10 @@ def collect(
 def closed_loop_batches(
     loop: ClosedLoop,
     model: Path | None,
-    keys: Sequence[Key],
+    keys: Sequence[EpisodeKey],
     profile: str = SHIPPED,
     processes: int | None = None,
-    listener: Listener | None = None,
+    listener: WorkerListener | None = None,
 ) -> Generator[list[Episode], None, None]:
     """The batch of each key, in the order of the keys.
 

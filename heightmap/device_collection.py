@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from saltus.depth_camera import load_camera
-from saltus.heightmap.data.collecting import Collection, collect_batches
+from saltus.heightmap.data.collecting import CollectionResult, collect_batches
 from saltus.heightmap.data.delivery import hardware_table
 from saltus.heightmap.data.device_rollouts import DeviceRollouts, checked_device
 from saltus.heightmap.data.episode import Episode
@@ -41,7 +41,7 @@ def collect(
     ticked: Callable[[], object],
     done: Callable[[DeviceSpeed, float], object],
     code: str | None = None,
-) -> Collection:
+) -> CollectionResult:
     """Adds one shard to each dataset, one for each of the loop's cameras; all show the same motion.
 
     `ticked` is called after each tick; `done` is told after each batch how fast it is, and the

@@ -111,7 +111,8 @@ class HeightmapModel(nn.Module):
             encoded: `encode` of the image in use at each tick, shape (time, batch, features).
             age: of that image [s], shape (time, batch).
             new: 1 where it was not in use a tick ago, shape (time, batch).
-            proprioception: see `saltus.heightmap.service.features`, shape (time, batch, n).
+            proprioception: see `saltus.heightmap.service.proprioception_vector`,
+                shape (time, batch, n).
             hidden: state before the window, shape (batch, hidden); zero after a reset.
 
         Returns:

@@ -14,7 +14,7 @@ from saltus.effects.profile import SHIPPED
 from saltus.errors import ConfigError
 from saltus.flags import Flag
 
-BackEnd = Literal["embree", "pyrender", "warp"]
+BackEndName = Literal["embree", "pyrender", "warp"]
 DeliveryName = Literal["training", "nominal", "at-once"]
 """How late images come: as drawn for training, as in a run without delays of its own, or at
 once."""
@@ -30,7 +30,7 @@ begins."""
 MANY = 10**9
 """Largest number of updates, episodes, rounds: what takes time, not memory."""
 SEEDS = (0, 2**53)
-USUAL_RENDERER: BackEnd = "embree"
+USUAL_RENDERER: BackEndName = "embree"
 USUAL_TERRAINS = ("flat", "stairs", "stairs", "stepping_stones", "stepping_stones", "step", "gap")
 """Those of manifests that name none, as `USUAL_RENDERER`."""
 TERRAINS = (*USUAL_TERRAINS, "stairs_down", "step_down", "pyramid", "irregular", "hurdles", "ditch")
@@ -179,7 +179,7 @@ class ClosedLoop(LoopSettings):
     """Takes the images that are kept. d435i: stereo errors of different strength for each robot.
     ideal: true depth. Or a TOML file. The predictor in the loop sees true depth: what it costs a
     robot to step a little worse is not worth the time."""
-    renderer: Annotated[BackEnd, tyro.conf.arg(aliases=["--renderer"])] = USUAL_RENDERER
+    renderer: Annotated[BackEndName, tyro.conf.arg(aliases=["--renderer"])] = USUAL_RENDERER
     """Back end that renders these images."""
 
     def __post_init__(self) -> None:

@@ -21,11 +21,11 @@ from saltus.loop.planner import Observation, observe
 from saltus.model_file import ModelFile
 from saltus.plan import Plan
 from saltus.policy.bounds import ACTIONS, ActionBounds, plan_from_values
-from saltus.policy.features import PROPRIOCEPTION_SIZE, features
+from saltus.policy.policy_features import PROPRIOCEPTION_SIZE, features
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
-from saltus.states import RobotStates
+from saltus.states import ProprioceptionArrays
 
 
 class ImitationNetwork:
@@ -79,7 +79,7 @@ class ImitationNetwork:
 class ImitatedPlans(PredictedHeights):
     """Plans in the place of heights."""
 
-    def _features(self, states: RobotStates) -> Singles:
+    def _features(self, states: ProprioceptionArrays) -> Singles:
         observation = observe(states, self._network.legs)
         blank = np.zeros((len(observation.pitch), len(HEIGHTMAP_X)))
         return features(observation, blank)[:, :PROPRIOCEPTION_SIZE].astype(np.float32)

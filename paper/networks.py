@@ -26,14 +26,14 @@ from saltus.heightmap.data.shards import dataset_hash, read_manifest, read_recor
 from saltus.heightmap.device_collection import collect
 from saltus.heightmap.model import IMAGE_SHAPE, HeightmapModel
 from saltus.heightmap.settings import FURTHER_RATE, DeviceCollection, DeviceLoop, PredictorTraining
-from saltus.heightmap.training.export import Origin, export
+from saltus.heightmap.training.export import ModelOrigin, export
 from saltus.heightmap.training.train import TrainingProgress, train
 from saltus.heightmap.training.validate import MIN_WARMUP
 from saltus.onnx_export import write_onnx
 from saltus.policy.bounds import ACTIONS
-from saltus.policy.env.settings import TrainSettings as PolicyConfig
-from saltus.policy.features import PROPRIOCEPTION_SIZE
-from saltus.policy.tables import append_table
+from saltus.policy.csv_tables import append_table
+from saltus.policy.env.settings import JumpTrainSettings as PolicyConfig
+from saltus.policy.policy_features import PROPRIOCEPTION_SIZE
 from saltus.policy.training.checkpoint import config_of
 from saltus.policy.training.export import read_policy
 from saltus.policy.training.files import COMMIT, PROGRESS
@@ -259,7 +259,7 @@ def _exported(model: HeightmapModel, path: Path, work: "_Work") -> Path:
     Its warm-up is the service's business, no roll-out reads it: it is not measured.
     """
     records = read_records(work.data)
-    origin = Origin(
+    origin = ModelOrigin(
         robot=DEFAULT_ROBOT,
         grid=load_grid(DEFAULT_GRID),
         camera=load_camera(training.CAMERA),

@@ -24,7 +24,7 @@ from saltus.loop.loop import Loop, Moment
 from saltus.loop.planner import Planner
 from saltus.named_setup import named_setups
 from saltus.policy.evaluation.evaluate import BATCH
-from saltus.policy.evaluation.trace import Failure, Trace, failure_of, traces_of
+from saltus.policy.evaluation.trial_trace import FailureKind, TrialTrace, failure_of, traces_of
 from saltus.policy.planner import make_planner
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
@@ -98,8 +98,8 @@ class Ran:
     seed: int
     terrain: Terrain
     outcome: Outcome
-    failure: Failure
-    trace: Trace
+    failure: FailureKind
+    trace: TrialTrace
     reference: Floats
     """Velocities that were planned: ahead and up [m/s], pitch rate (nose down positive) [rad/s],
     shape (t, 3)."""

@@ -18,7 +18,7 @@ from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import SaltusError
 from saltus.gpu import has_gpu
 from saltus.grid import DEFAULT_GRID
-from saltus.policy.env.settings import TrainSettings, for_gpu
+from saltus.policy.env.settings import JumpTrainSettings, for_gpu
 from saltus.policy.training.command import Train
 from saltus.policy.training.files import CHECKPOINT
 from saltus.robots.loading import load_robot
@@ -59,7 +59,7 @@ class Ablation:
     """Differences of a policy's training from that of the full system."""
 
     changes: dict[str, Any] = field(default_factory=dict)
-    """Changes of `TrainSettings`, by its tables."""
+    """Changes of `JumpTrainSettings`, by its tables."""
     without: tuple[str, ...] = ()
     """Effects of the robot's profile that its simulator lacks."""
     feedback: bool = True
@@ -85,7 +85,7 @@ def find_ablation(name: str) -> Ablation:
     return ABLATIONS[name]
 
 
-def config_of(name: str, seed: int, folder: Path) -> TrainSettings:
+def config_of(name: str, seed: int, folder: Path) -> JumpTrainSettings:
     """Returns what `saltus policy train` is given.
 
     Writes a profile or a robot that it needs into a folder.

@@ -9,7 +9,7 @@ from saltus.policy.planner import jumping_grid, jumping_planner, make_planner, w
 from saltus.policy.process import PlannerProcess
 from saltus.robots.legs import LegKinematics
 from saltus.runtime.process import ProcessContext, run_process
-from saltus.runtime.ticker import freshness
+from saltus.runtime.ticker import staleness_of
 from saltus.used_networks import walking_path
 from saltus.wire.bus import Sample
 from saltus.wire.messages import Done, DriveCommand, Heightmap, RobotState
@@ -79,7 +79,7 @@ class PlannerLoop:
             heightmap, newer = self._heightmap_of(state)
             if newer is not None or self._context.stopped:
                 return newer
-        elif freshness(self._states.topic, state.time_ns, self._context.clock.now_ns()).usable:
+        elif staleness_of(self._states.topic, state.time_ns, self._context.clock.now_ns()).usable:
             wait_s = 0.0 if self._newest_step >= state.step else HEIGHTMAP_WAIT_S
             heightmap = self._newest_heightmap(self._context.clock.machine_s(wait_s))
         else:

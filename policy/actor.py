@@ -12,7 +12,7 @@ from saltus.loop.planner import Observation
 from saltus.model_file import ModelFile
 from saltus.plan import Plan
 from saltus.policy.bounds import ACTIONS, ActionBounds, plan_from_values
-from saltus.policy.features import (
+from saltus.policy.policy_features import (
     PROPRIOCEPTION_SIZE,
     RECALLED,
     check_past_steps,
@@ -81,7 +81,7 @@ class PolicyActor:
 
     def values(self, given: Reals) -> Floats:
         """Values of `ACTIONS`, shape (..., 10),
-        for vectors of `saltus.policy.features.with_past`, (..., some).
+        for vectors of `saltus.policy.policy_features.with_past`, (..., some).
         """
         flat = np.ascontiguousarray(given.reshape(-1, self._size), dtype=np.float32)
         plan = np.asarray(self._session.run(["plan"], {"features": flat})[0], dtype=np.float64)

@@ -5,9 +5,9 @@ it rises, stands, bounds, and stands again.
 import numpy as np
 
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
-from saltus.controller.loop import ControlLoop
+from saltus.controller.control_loop import ControlLoop
 from saltus.controller.robot.backend import RobotBackend
-from saltus.controller.tick import CompiledTick
+from saltus.controller.tick import CompiledTickLaw
 from saltus.grid import HeightGrid
 from saltus.loop.planner import Planner, observe
 from saltus.plan import plan_message
@@ -34,7 +34,7 @@ class LevelRun:
     ) -> None:
         self._backend, self._grid, self._planner = backend, grid, planner
         self._legs = LegKinematics(robot)
-        self._loop = ControlLoop(robot, CompiledTick(robot), rises=True)
+        self._loop = ControlLoop(robot, CompiledTickLaw(robot), rises=True)
         self._plan: MotionPlan | None = None
         self._ticks = 0
         self.peak_power_w = 0.0

@@ -31,7 +31,7 @@ tried."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Decision:
+class PlannerDecision:
     """The planner's decision at a state of the robot, which a mover answers."""
 
     state: RobotState
@@ -54,7 +54,7 @@ class Mover(Protocol):
     waits: bool
     """It does not move before the first command."""
 
-    def plan(self, decision: Decision) -> AnyPlan:
+    def plan(self, decision: PlannerDecision) -> AnyPlan:
         """Answers a state."""
         ...
 
@@ -86,7 +86,7 @@ class Jumper:
         self._planner, self._lines = planner, lines
         self._goes = False
 
-    def plan(self, decision: Decision) -> MotionPlan:
+    def plan(self, decision: PlannerDecision) -> MotionPlan:
         """See `Mover.plan`; it goes at a speed of its own, and turns as commanded."""
         state, status = decision.state, decision.status
         begins, plan = not self._goes, REST

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.grid import HeightGrid
-from saltus.policy.mover import AT_REST, Decision, Mover
-from saltus.runtime.ticker import freshness
+from saltus.policy.mover import AT_REST, Mover, PlannerDecision
+from saltus.runtime.ticker import staleness_of
 from saltus.wire.messages import (
     AnyPlan,
     CommandMode,
@@ -34,7 +34,7 @@ _TRUSTED = (HeightmapStatus.OK, HeightmapStatus.DEGRADED)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Notice:
+class PlannerNotice:
     """An event for people, reported once."""
 
     code: str
@@ -67,7 +67,7 @@ class PlannerProcess:
         self._plan: AnyPlan | None = None
         self._command: DriveCommand | None = None
         self._lost = ""  # why a walking robot slows down, if because of its heights
-        self.notices: list[Notice] = []
+        self.notices: list[PlannerNotice] = []
         """Notices of what has happened since the caller last emptied the list."""
 
     def step(
@@ -106,7 +106,9 @@ class PlannerProcess:
         fits = all(len(a) == len(b) and float(np.abs(a - b).max()) <= ROUNDING_M for a, b in sides)
         if not fits and not self._told_of_grid:
             self._told_of_grid = True
-            self.notices.append(Notice(code="heightmap_grid", detail="it is not that of the run"))
+            self.notices.append(
+                PlannerNotice(code="heightmap_grid", detail="it is not that of the run")
+            )
         return fits
 
     def _obey(self, state: RobotState, now_ns: int) -> None:
@@ -117,7 +119,7 @@ class PlannerProcess:
         if command is None:
             if self._mover.waits:
                 self._rest(state, PlanStatus.STAND, "no command yet")
-        elif not freshness(_COMMANDS, command.time_ns, now_ns).usable:
+        elif not staleness_of(_COMMANDS, command.time_ns, now_ns).usable:
             self._rest(state, _resting(command.mode), "commands have ended")
         elif not self._takes_over(command.mode, state):
             self._rest(state, _resting(command.mode), f"the command is {command.mode.name}")
@@ -166,17 +168,19 @@ class PlannerProcess:
         if not was_lost:
             self.notices.append(trouble)
 
-    def _trouble(self, now_ns: int) -> Notice | None:
+    def _trouble(self, now_ns: int) -> PlannerNotice | None:
         """Reason not to trust the newest heights; None where they can be trusted."""
         heightmap = self._heightmap
         if heightmap is None:
             return None
         old_ns = max(now_ns - self._arrival_ns, now_ns - heightmap.time_ns)
         if old_ns >= LOST_NS:
-            return Notice(code="heightmap_lost", detail=f"no heightmap for {old_ns / 1e6:.0f} ms")
+            return PlannerNotice(
+                code="heightmap_lost", detail=f"no heightmap for {old_ns / 1e6:.0f} ms"
+            )
         if heightmap.status in _TRUSTED:
             return None
-        return Notice(
+        return PlannerNotice(
             code="heightmap_invalid",
             detail=f"the heightmap of step {heightmap.step} is {heightmap.status.name}",
         )
@@ -187,7 +191,7 @@ class PlannerProcess:
             seen = self._heightmap.height, self._heightmap.half_width_90
             heights, half_width = (np.asarray(each, dtype=np.float64) for each in seen)
         return self._mover.plan(
-            Decision(
+            PlannerDecision(
                 state=state,
                 heights=heights,
                 half_width=half_width,

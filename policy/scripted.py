@@ -40,7 +40,7 @@ RESIDUAL_HIGH = (0.2, 0.07, 0.4)
 
 _LOW, _HIGH = Constant(RESIDUAL_LOW), Constant(RESIDUAL_HIGH)
 
-Value = float | Array
+FloatOrArray = float | Array
 """A number, or one for each robot of a batch, shape (n,): planner randomisation of training
 data."""
 
@@ -55,59 +55,59 @@ class ScriptedParameters:
     "Policy"). `saltus bench planner` measures what they are worth.
     """
 
-    stepping_frequency_hz: Value = 3.46
-    velocity_x: Value = 2.03
+    stepping_frequency_hz: FloatOrArray = 3.46
+    velocity_x: FloatOrArray = 2.03
     """On level ground [m/s]."""
-    front_velocity_z: Value = 0.365
+    front_velocity_z: FloatOrArray = 0.365
     """Middle of the stance of the front legs [m/s]."""
-    front_velocity_z_slope: Value = -1.15
+    front_velocity_z_slope: FloatOrArray = -1.15
     """Change over that stance [m/s]."""
-    rear_velocity_z: Value = 0.665
-    rear_velocity_z_slope: Value = 0.208
-    front_pitch_rate: Value = -0.793
+    rear_velocity_z: FloatOrArray = 0.665
+    rear_velocity_z_slope: FloatOrArray = 0.208
+    front_pitch_rate: FloatOrArray = -0.793
     """Middle of the stance of the front legs, nose down positive [rad/s]."""
-    front_pitch_rate_slope: Value = -3.64
+    front_pitch_rate_slope: FloatOrArray = -3.64
     """Change over that stance [rad/s]: the front legs push the nose up."""
-    rear_pitch_rate: Value = 0.746
-    rear_pitch_rate_slope: Value = 5.31
-    height_m: Value = 0.277
+    rear_pitch_rate: FloatOrArray = 0.746
+    rear_pitch_rate_slope: FloatOrArray = 5.31
+    height_m: FloatOrArray = 0.277
     """Height of the base above the ground."""
-    height_gain: Value = 5.49
+    height_gain: FloatOrArray = 5.49
     """Vertical velocity by error of height [1/s]."""
-    ceiling_m: Value = 0.362
+    ceiling_m: FloatOrArray = 0.362
     """Height above which the base is not to rise [m]: a leg reaches 0.38 m, and must reach the
     ground when it lands."""
-    ceiling_gain: Value = 4.36
+    ceiling_gain: FloatOrArray = 4.36
     """Largest vertical velocity by distance to that height [1/s]."""
-    lever: Value = 0.628
+    lever: FloatOrArray = 0.628
     """Share of the height that the standing feet have over the ground under the base that is known
     to the estimator."""
-    climb_gain: Value = 2.44
+    climb_gain: FloatOrArray = 2.44
     """Vertical velocity by slope times speed."""
-    pitch: Value = -0.0161
+    pitch: FloatOrArray = -0.0161
     """On level ground [rad]."""
-    pitch_per_slope: Value = -0.521
+    pitch_per_slope: FloatOrArray = -0.521
     """Pitch along the slope of the ground."""
-    pitch_gain: Value = 5.88
+    pitch_gain: FloatOrArray = 5.88
     """Pitch rate by error of pitch [1/s]."""
-    coupling: Value = 0.277
+    coupling: FloatOrArray = 0.277
     """Share of the pitch rate that the wanted support brings about anyway that is asked for."""
-    front_landing_x: Value = 0.00425
+    front_landing_x: FloatOrArray = 0.00425
     """Shift of the landing point of the front feet [m]."""
-    rear_landing_x: Value = 0.0275
-    clearance_m: Value = 0.116
+    rear_landing_x: FloatOrArray = 0.0275
+    clearance_m: FloatOrArray = 0.116
     """Clearance of the sole above the highest terrain on the way."""
-    landing_depth_m: Value = 0.00369
+    landing_depth_m: FloatOrArray = 0.00369
     """How far below the ground a foot aims when it lands."""
-    lift_until: Value = 0.208
+    lift_until: FloatOrArray = 0.208
     """Progress of the swing at which a foot is up."""
-    lower_from: Value = 0.655
+    lower_from: FloatOrArray = 0.655
     """Progress of the swing at which a foot begins to come down."""
-    edge_margin_m: Value = 0.0606
+    edge_margin_m: FloatOrArray = 0.0606
     """Distance from a landing point within which edges matter, the nearer the more."""
-    edge_cost: Value = 0.0543
+    edge_cost: FloatOrArray = 0.0543
     """Detour that is worth an edge at a landing point, about [m]."""
-    height_trust: Value = 0.196
+    height_trust: FloatOrArray = 0.196
     """Share of the heightmap's offset to the ground under the standing feet that is believed."""
 
     def of_robot(self, robot: Robot) -> "ScriptedParameters":
@@ -290,7 +290,7 @@ class ScriptedPlanner:
         return (1.0 - self.parameters.height_trust) * offset
 
     def _residual(
-        self, observation: Observation, heights: Array, ground: Array, leg: int, shift: Value
+        self, observation: Observation, heights: Array, ground: Array, leg: int, shift: FloatOrArray
     ) -> Array:
         """Residual of one pair of feet, shape (..., 3);
         `ground` is what `heights` are without trenches.

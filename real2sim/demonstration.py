@@ -22,7 +22,7 @@ from saltus.real2sim.cycle.finding import search_until_told
 from saltus.real2sim.experiments.menu import Experiment, experiment_named
 from saltus.real2sim.experiments.run import run
 from saltus.real2sim.pipeline import find
-from saltus.real2sim.progress import Progress
+from saltus.real2sim.progress import ProgressListener
 from saltus.real2sim.results import Judgement
 from saltus.recordings.run_log import write_run_log
 from saltus.robots.robot import Robot
@@ -90,7 +90,7 @@ class Demonstration:
 
 
 def demonstrate(
-    robot: Robot, out: Path, *, seed: int = 0, progress: Progress | None = None
+    robot: Robot, out: Path, *, seed: int = 0, progress: ProgressListener | None = None
 ) -> Demonstration:
     """Hides an effect in a robot, finds it in logs, adds it to the simulator and looks again.
 

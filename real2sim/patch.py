@@ -50,7 +50,7 @@ of run logs)."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Evidence:
+class PatchEvidence:
     """A run log, identified by its contents."""
 
     log: str
@@ -58,7 +58,7 @@ class Evidence:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Applicability:
+class PatchRange:
     """Range that the evidence covers; outside of it the patch extrapolates.
 
     None where the log does not say.
@@ -77,12 +77,12 @@ class Applicability:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Patch:
+class ProfilePatch:
     """Effects to add to a profile."""
 
     effects: tuple[FoundEffect, ...]
-    evidence: tuple[Evidence, ...]
-    range: Applicability
+    evidence: tuple[PatchEvidence, ...]
+    range: PatchRange
 
     def to_toml(self) -> str:
         """The text of `patch.toml`."""
@@ -107,7 +107,7 @@ class Patch:
         return profile
 
 
-def patch_from_toml(text: str) -> Patch:
+def patch_from_toml(text: str) -> ProfilePatch:
     """Reads a patch; `ConfigError` says what is wrong with it."""
     table = read_toml(text)
     if table.get("schema") != SCHEMA:
@@ -115,10 +115,10 @@ def patch_from_toml(text: str) -> Patch:
             f"schema {table.get('schema')!r}: this version reads patches of '{SCHEMA}'"
         )
     try:
-        return Patch(
+        return ProfilePatch(
             effects=tuple(effect_from_dict(entry) for entry in table.get("effects", [])),
-            evidence=tuple(Evidence(**entry) for entry in table.get("evidence", [])),
-            range=Applicability(
+            evidence=tuple(PatchEvidence(**entry) for entry in table.get("evidence", [])),
+            range=PatchRange(
                 **{name: float(value) for name, value in table.get("range", {}).items()}
             ),
         )
@@ -126,7 +126,7 @@ def patch_from_toml(text: str) -> Patch:
         raise ConfigError(f"no patch: {type(error).__name__} {error}") from error
 
 
-def load_patch(path: Path) -> Patch:
+def load_patch(path: Path) -> ProfilePatch:
     """Reads a patch from a file; errors name the file, and the patch beside a file that is none."""
     beside = (path if path.is_dir() else path.parent) / PATCH_FILE
     if path.is_dir() or path.suffix in (".json", ".html"):
@@ -177,21 +177,21 @@ def _is_certain(found: FoundEffect, *, may_be_null: bool) -> bool:
     return may_be_null or not all(crosses)
 
 
-def evidence_of(directory: Path) -> Evidence:
+def evidence_of(directory: Path) -> PatchEvidence:
     """Digest of a run log: of the names and contents of its files, in alphabetical order."""
     digest = hashlib.sha256()
     for path in sorted(p for p in directory.iterdir() if p.is_file()):
         digest.update(path.name.encode() + b"\0")
         with path.open("rb") as file:
             digest.update(hashlib.file_digest(file, "sha256").digest())
-    return Evidence(log=directory.name, sha256=digest.hexdigest())
+    return PatchEvidence(log=directory.name, sha256=digest.hexdigest())
 
 
-def applicability(log: RunLog) -> Applicability:
+def applicability(log: RunLog) -> PatchRange:
     """Range that a log covers."""
     joints = log.joints
     torque = joints.tau_est if joints.tau_est is not None else joints.tau_ff
-    return Applicability(
+    return PatchRange(
         torque_nm=_largest(torque),
         speed_rad_s=_largest(joints.dq),
         depth_m=None
@@ -208,7 +208,7 @@ def _largest(values: Floats | None) -> float | None:
     return None if values is None else round(float(np.nanmax(np.abs(values))), 3)
 
 
-def _with(profile: Profile, robot: Robot, found: FoundEffect, reach: Applicability) -> Profile:
+def _with(profile: Profile, robot: Robot, found: FoundEffect, reach: PatchRange) -> Profile:
     """The profile with one more effect, or with new values of an effect that it has."""
     check_known("unknown effect", found.name, EFFECTS)
     kind = EFFECTS[found.name]

@@ -18,23 +18,23 @@ from saltus.files import atomic_write
 from saltus.folders import ask_for_room
 from saltus.real2sim.experiments.next_experiment import next_experiment
 from saltus.real2sim.patch import (
-    Applicability,
-    Evidence,
-    Patch,
+    PatchEvidence,
+    PatchRange,
+    ProfilePatch,
     applicability,
     evidence_of,
     supported,
 )
 from saltus.real2sim.problem.log import in_sequence, load_rigs, model_of, quadruped_of, shifts_s
 from saltus.real2sim.problem.problem import Problem
-from saltus.real2sim.progress import ComparisonProgress, Progress
-from saltus.real2sim.results import Examination, Judgement, SensorResult
+from saltus.real2sim.progress import ComparisonProgress, ProgressListener
+from saltus.real2sim.results import Judgement, LogExamination, SensorResult
 from saltus.real2sim.screening.align import align
 from saltus.real2sim.screening.screen import screen
 from saltus.real2sim.search.search import search
 from saltus.real2sim.sensors import SENSORS, Sensor
 from saltus.real2sim.stacked_problem import RebasedProblem, StackedProblem, stackable
-from saltus.real2sim.verdict import Missing, Verdict, merge, without_ruled_out
+from saltus.real2sim.verdict import MissingData, Verdict, merge, without_ruled_out
 from saltus.recordings.run_log import RunLog
 
 
@@ -45,7 +45,7 @@ def find(
     profile: Profile = IDEAL,
     seed: int = 0,
     report: bool = True,
-    progress: Progress | None = None,
+    progress: ProgressListener | None = None,
 ) -> Judgement:
     """Finds what the simulator lacks and writes verdict.json, patch.toml and report.html.
 
@@ -86,8 +86,8 @@ def examine(
     profile: Profile = IDEAL,
     sensors: Sequence[Sensor] = SENSORS,
     seed: int = 0,
-    progress: Progress | None = None,
-) -> tuple[Examination, ...]:
+    progress: ProgressListener | None = None,
+) -> tuple[LogExamination, ...]:
     """Screens logs of one robot, and searches each of its sensors for effects; one result a rig.
 
     If any log is damaged all come back with their faults, and nothing is searched. Arguments are as
@@ -118,8 +118,8 @@ def examine(
     return tuple(found)
 
 
-def _screened(log: RunLog) -> Examination:
-    examination = Examination(log=log, faults=tuple(screen(log)), untestable={})
+def _screened(log: RunLog) -> LogExamination:
+    examination = LogExamination(log=log, faults=tuple(screen(log)), untestable={})
     if examination.is_bad:  # a damaged log says nothing about its sensors
         return examination
     lacking = {sensor: why for sensor in SENSORS if (why := sensor.lacks(log))}
@@ -132,7 +132,7 @@ def _screened(log: RunLog) -> Examination:
 
 
 def _problems(
-    sensor: Sensor, found: list[Examination], profile: Profile
+    sensor: Sensor, found: list[LogExamination], profile: Profile
 ) -> list[tuple[list[int], Problem]]:
     """Problems of one kind of sensor, each with the indices of its logs.
 
@@ -164,7 +164,7 @@ def _problems(
     return posed
 
 
-def _without(examination: Examination, sensor: Sensor, why: str) -> Examination:
+def _without(examination: LogExamination, sensor: Sensor, why: str) -> LogExamination:
     """The examination of a log that tells nothing of a sensor, and why."""
     return replace(
         examination,
@@ -175,13 +175,13 @@ def _without(examination: Examination, sensor: Sensor, why: str) -> Examination:
 
 
 def _added(
-    examination: Examination,
+    examination: LogExamination,
     sensor: Sensor,
     problem: Problem,
     logs: Sequence[RunLog],
     seed: int,
     progress: Callable[[str, int], None],
-) -> Examination:
+) -> LogExamination:
     """The examination with the findings of one more problem.
 
     Without them where nothing was left to test them by.
@@ -206,7 +206,7 @@ def _added(
     )
 
 
-def _failed(examination: Examination, sensor: Sensor, error: Exception) -> Examination:
+def _failed(examination: LogExamination, sensor: Sensor, error: Exception) -> LogExamination:
     logging.getLogger(__name__).info("the %s could not be compared", sensor.name, exc_info=error)
     said = str(error).partition("\n")[0] if isinstance(error, SaltusError) else repr(error)
     text = f"the {sensor.name} could not be compared: {said}"
@@ -224,7 +224,9 @@ def _posed(sensor: Sensor, log: RunLog, profile: Profile) -> Problem:
 
 
 def judge(
-    examinations: tuple[Examination, ...], evidence: tuple[Evidence, ...], profile: Profile = IDEAL
+    examinations: tuple[LogExamination, ...],
+    evidence: tuple[PatchEvidence, ...],
+    profile: Profile = IDEAL,
 ) -> Judgement:
     """One verdict for all logs, and the patch;
     `RecordingError` if no sensor of any log could be compared.
@@ -249,7 +251,7 @@ def judge(
         verdict = merge(findings) if findings else Verdict(verdict="unexplained")
         brief = {sensor: why for each in examinations for sensor, why in each.brief.items()}
         missing = tuple(
-            Missing(sensor=s.name, why=brief[s.name], experiment=s.experiment)
+            MissingData(sensor=s.name, why=brief[s.name], experiment=s.experiment)
             for s in SENSORS
             if s.name in brief
         )
@@ -273,7 +275,7 @@ def judge(
                 n: e for n, e in verdict.minimum_detectable.items() if math.isfinite(e.value)
             },
         )
-    patch = Patch(
+    patch = ProfilePatch(
         effects=supported(verdict.effects, profile), evidence=evidence, range=_range(examinations)
     )
     return Judgement(
@@ -281,14 +283,14 @@ def judge(
     )
 
 
-def _range(examinations: tuple[Examination, ...]) -> Applicability:
+def _range(examinations: tuple[LogExamination, ...]) -> PatchRange:
     """The largest range that any of the logs covers."""
     reaches = [vars(applicability(each.log)) for each in examinations if not each.is_bad]
     names = {name for reach in reaches for name in reach}
     farthest = {
         name: [reach[name] for reach in reaches if reach[name] is not None] for name in names
     }
-    return Applicability(**{name: max(values) for name, values in farthest.items() if values})
+    return PatchRange(**{name: max(values) for name, values in farthest.items() if values})
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 
 from saltus.real2sim.sensors import Sensor
 
-Progress = Callable[[str, float], None]
+ProgressListener = Callable[[str, float], None]
 """Called with the name of a stage and the share of all that is done."""
 
 SCREEN_S, CONCLUDE_S = 1.5, 3.0
@@ -28,7 +28,7 @@ SIMULATIONS = (65, 100, 200, 200, 10)
 class ComparisonProgress:
     """Shares of a whole comparison of these sensors; tells a stage and the share that is done."""
 
-    def __init__(self, tell: Progress | None, sensors: Sequence[Sensor]) -> None:
+    def __init__(self, tell: ProgressListener | None, sensors: Sequence[Sensor]) -> None:
         self._tell = tell
         self._total_s = (
             SCREEN_S + sum(sensor.prepare_s + sensor.search_s for sensor in sensors) + CONCLUDE_S

@@ -3,11 +3,11 @@
 from dataclasses import dataclass, field
 
 from saltus.effects.profile import Profile
-from saltus.real2sim.patch import Evidence, Patch
+from saltus.real2sim.patch import PatchEvidence, ProfilePatch
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.screening.align import ClockOffset
-from saltus.real2sim.screening.scales import Fault
-from saltus.real2sim.search.findings import Findings
+from saltus.real2sim.screening.channel_scales import LogFault
+from saltus.real2sim.search.findings import SearchFindings
 from saltus.real2sim.verdict import Verdict
 from saltus.recordings.run_log import RunLog
 
@@ -17,17 +17,17 @@ class SensorResult:
     """The problem of one sensor and what the search found in it."""
 
     problem: Problem
-    findings: Findings
+    findings: SearchFindings
     log: RunLog
     """Log of the problem. If several logs pose it, they follow each other in this one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Examination:
+class LogExamination:
     """Everything that was found in one log."""
 
     log: RunLog
-    faults: tuple[Fault, ...]
+    faults: tuple[LogFault, ...]
     offsets: tuple[ClockOffset, ...] = ()
     comparisons: tuple[SensorResult, ...] = ()
     """Comparisons of several logs stand with the first of them."""
@@ -51,9 +51,9 @@ class Judgement:
     """The verdict on all logs and everything that it stands on."""
 
     verdict: Verdict
-    patch: Patch
-    examinations: tuple[Examination, ...]
-    evidence: tuple[Evidence, ...]
+    patch: ProfilePatch
+    examinations: tuple[LogExamination, ...]
+    evidence: tuple[PatchEvidence, ...]
     profile: Profile
     """Effects that the simulator had already."""
 

@@ -11,10 +11,10 @@ from saltus.arrays import Floats
 from saltus.real2sim.problem.joints.candidates import knee_and_plateau
 from saltus.real2sim.problem.joints.drives import lost_to_saturation
 from saltus.real2sim.problem.joints.problem import JointProblem
-from saltus.real2sim.problem.joints.torque_curve import Curve, delivered_torque
+from saltus.real2sim.problem.joints.torque_curve import TorqueCurve, delivered_torque
 from saltus.real2sim.problem.problem import Problem
-from saltus.real2sim.search.findings import Findings, FoundEffect, Interval
-from saltus.real2sim.search.layout import STEP, Layout
+from saltus.real2sim.search.findings import FoundEffect, ParameterInterval, SearchFindings
+from saltus.real2sim.search.unknowns_layout import STEP, UnknownsLayout
 
 SPACING = 5.0  # Nm between points at the strongest joint, as in the original's table
 ITERATIONS = 4
@@ -30,7 +30,7 @@ DRAWN_NM = 0.02
 EFFECT = "torque_saturation"
 
 
-def with_curves(problem: Problem, findings: Findings) -> Findings:
+def with_curves(problem: Problem, findings: SearchFindings) -> SearchFindings:
     """Findings whose saturation is stated for each kind of joint, with its curve.
 
     The curve is the fitted law, or one in pieces where that leaves less of the rows that no fit has
@@ -115,7 +115,7 @@ class _Pieces:
             full[:, self.blocks[place], place, piece] = slopes[:, i, None]
         return full
 
-    def curve(self, slopes: Floats, place: int) -> Curve:
+    def curve(self, slopes: Floats, place: int) -> TorqueCurve:
         """Commanded and delivered torque of a place at the end of each piece."""
         own = np.array([slopes[i] for i, (j, _) in enumerate(self.of) if j == place])
         points = self.corners[place, 1] * np.arange(1, len(own) + 1)
@@ -135,7 +135,7 @@ def _fitted(
         Slopes, shape (sought,), and the residuals that they leave, shape (blocks, m), of which
         `weight` has the weights in the fit.
     """
-    layout = Layout.of(problem)
+    layout = UnknownsLayout.of(problem)
     rest, slopes = _without(problem, unknowns, pieces)
     free, count = layout.nuisances, len(slopes)
     sought = np.concatenate([slopes, np.median(rest[:, free], axis=0)])
@@ -186,12 +186,12 @@ def _names(problem: JointProblem, effect: FoundEffect, place: str) -> tuple[str,
     return names if effect.where == "all" else tuple(name for name in names if name in effect.where)
 
 
-def _rises(curve: Curve) -> bool:
+def _rises(curve: TorqueCurve) -> bool:
     delivered = np.array([0.0, *(given for _, given in curve)])
     return bool(np.all(np.diff(delivered) > 0.0))
 
 
-def _moved(effect: FoundEffect, curve: Curve, limit: float) -> dict[str, Interval]:
+def _moved(effect: FoundEffect, curve: TorqueCurve, limit: float) -> dict[str, ParameterInterval]:
     """Knee and plateau of a curve.
 
     By how far they are from those of the law counts as half of an interval's width.
@@ -204,13 +204,13 @@ def _moved(effect: FoundEffect, curve: Curve, limit: float) -> dict[str, Interva
         half_width = float(
             np.hypot(0.5 * (before.ci90[1] - before.ci90[0]), 0.5 * (value - before.value))
         )
-        params[name] = Interval(
+        params[name] = ParameterInterval(
             value=value, ci90=(value - half_width, value + half_width), unit=before.unit
         )
     return params
 
 
-def _drawn(fitted: Floats, reach: float) -> Curve:
+def _drawn(fitted: Floats, reach: float) -> TorqueCurve:
     """A law as a curve of few points: where it is farthest from the curve so far comes the next."""
     asked = np.linspace(0.0, reach, FINEST + 1)
     given = asked - lost_to_saturation(asked, *fitted)

@@ -31,7 +31,7 @@ from saltus.real2sim.problem.log import (
 )
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.saturation_curve import with_curves
-from saltus.real2sim.search.findings import Findings
+from saltus.real2sim.search.findings import SearchFindings
 from saltus.recordings.run_log import RunLog
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import JOINTS
@@ -108,7 +108,7 @@ class Sensor:
     search_s: float
     """Typical time of the search [s]."""
 
-    finished: Callable[[Problem, Findings], Findings] = lambda _, findings: findings
+    finished: Callable[[Problem, SearchFindings], SearchFindings] = lambda _, findings: findings
     """Findings with what the log tells of them beyond the unknowns of their problem."""
 
     def too_short(self, logs: Sequence[RunLog]) -> str:
@@ -228,8 +228,8 @@ def _covered_s(table: str) -> Callable[[RunLog], float]:
 
 
 NAMED_FROM_S = 4.0
-"""Two motions of two seconds (`saltus.real2sim.search.split.PIECE_S`): one for the fit, one for the
-test."""
+"""Two motions of two seconds (`saltus.real2sim.search.residual_split.PIECE_S`): one for the fit,
+one for the test."""
 SENSORS = (
     Sensor(
         name="joints", sites=DRIVES, lacks=_no_held_base, problem=JointProblem, lasts_s=moving_s,

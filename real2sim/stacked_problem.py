@@ -17,15 +17,15 @@ from saltus.effects.profile import PARTS, Profile
 from saltus.real2sim.problem.problem import (
     Candidate,
     ExplanatoryVariable,
+    LogSegment,
     Problem,
-    Segment,
     WrappedProblem,
 )
-from saltus.real2sim.search.fit import Evaluator, fitted_null
-from saltus.real2sim.search.layout import Layout
+from saltus.real2sim.search.model_fit import ProblemEvaluator, fitted_null
+from saltus.real2sim.search.unknowns_layout import UnknownsLayout
 from saltus.robots.robot import JOINTS
 
-Place = tuple[str, str]
+EffectAtPlace = tuple[str, str]
 """Effect and where; the names of nuisances carry the number of their log."""
 
 
@@ -119,7 +119,7 @@ class StackedProblem(Problem):
         self.signals = tuple(
             dict.fromkeys(signal for problem in self._problems for signal in problem.signals)
         )
-        segments: list[Segment] = []
+        segments: list[LogSegment] = []
         segment: list[Indices] = []
         signal: list[Indices] = []
         for number, (problem, shift_s) in enumerate(
@@ -155,10 +155,10 @@ def stackable(problems: Sequence[Problem]) -> bool:
 
 def _without_effects(problem: Problem) -> Floats:
     """Nuisances fitted to one log alone, so that a fit to all logs starts near them."""
-    layout = Layout.of(problem)
+    layout = UnknownsLayout.of(problem)
     rest = np.zeros((len(problem.blocks), len(layout.scale)))
     if len(own := layout.nuisances):
-        null, _ = fitted_null(problem, Evaluator(problem), layout)
+        null, _ = fitted_null(problem, ProblemEvaluator(problem), layout)
         rest[:, own] = null.unknowns[:, own]
     return rest
 
@@ -185,9 +185,9 @@ def _mean_the_same(one: Problem, other: Problem) -> bool:
     return True
 
 
-def _listed(problem: Problem, alone: Floats, number: int) -> dict[Place, Candidate]:
+def _listed(problem: Problem, alone: Floats, number: int) -> dict[EffectAtPlace, Candidate]:
     """Candidates by place. The nuisances of each log are separate and count from `alone`."""
-    listed: dict[Place, Candidate] = {}
+    listed: dict[EffectAtPlace, Candidate] = {}
     start = 0
     for candidate in problem.candidates:
         own = alone[:, start : start + len(candidate.unknowns)]
@@ -209,7 +209,7 @@ def _listed(problem: Problem, alone: Floats, number: int) -> dict[Place, Candida
     return listed
 
 
-def _merged(place: Place, same: Sequence[Candidate]) -> Candidate:
+def _merged(place: EffectAtPlace, same: Sequence[Candidate]) -> Candidate:
     """One candidate with the narrowest bounds and all starts."""
     first = same[0]
     unknowns = tuple(
@@ -235,7 +235,7 @@ def _merged(place: Place, same: Sequence[Candidate]) -> Candidate:
     )
 
 
-def _moved(segment: Segment, number: int, shift_s: float) -> Segment:
+def _moved(segment: LogSegment, number: int, shift_s: float) -> LogSegment:
     """The segment on the common clock; motions of different logs are not repeats of each other."""
     return replace(
         segment,

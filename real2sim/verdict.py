@@ -8,14 +8,14 @@ from typing import Any, Literal
 
 from saltus.config import from_table
 from saltus.effects.profile import EFFECTS
-from saltus.real2sim.problem.problem import Estimate
-from saltus.real2sim.search.findings import Findings, FoundEffect
+from saltus.real2sim.problem.problem import ParameterEstimate
+from saltus.real2sim.search.findings import FoundEffect, SearchFindings
 
 Ruling = Literal["named", "set", "unexplained", "no_gap", "bad_log"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Gap:
+class ResidualGap:
     """Mean squared whitened residual on segments that no fit has seen; 1 is noise alone."""
 
     before: float
@@ -39,7 +39,7 @@ class NextExperiment:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Missing:
+class MissingData:
     """Missing data, without which a sensor's effects could not be tested."""
 
     sensor: str
@@ -59,14 +59,14 @@ class Verdict:
     next_experiment: NextExperiment | None = None
     untestable: dict[str, str] = field(default_factory=dict)
     """Effects that these data cannot show, and why."""
-    missing: tuple[Missing, ...] = ()
+    missing: tuple[MissingData, ...] = ()
     """Sensors of which the logs show too little to test anything."""
     misfits: tuple[str, ...] = ()
     """Effects of the profile without which the simulator is much nearer to the log."""
     nearest: tuple[FoundEffect, ...] = ()
     """Where a gap is unexplained, the best model for it: not the cause, only where to look."""
-    gap: Gap | None = None
-    minimum_detectable: dict[str, Estimate] = field(default_factory=dict)
+    gap: ResidualGap | None = None
+    minimum_detectable: dict[str, ParameterEstimate] = field(default_factory=dict)
     log_faults: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -101,7 +101,7 @@ class Verdict:
         return json.dumps(self.to_dict())
 
 
-def merge(findings: Sequence[Findings], log_faults: Sequence[str] = ()) -> Verdict:
+def merge(findings: Sequence[SearchFindings], log_faults: Sequence[str] = ()) -> Verdict:
     """One verdict for a log from what was found for each kind of sensor.
 
     A damaged log gets no other ruling. An unexplained gap outweighs a set, and a set outweighs
@@ -128,7 +128,7 @@ def merge(findings: Sequence[Findings], log_faults: Sequence[str] = ()) -> Verdi
     )
 
 
-def _pool(findings: Sequence[Findings]) -> Gap | None:
+def _pool(findings: Sequence[SearchFindings]) -> ResidualGap | None:
     """The gap of the sensors that show one, or of all sensors if none does,
     weighted by their numbers of residuals.
     """
@@ -142,7 +142,7 @@ def _pool(findings: Sequence[Findings]) -> Gap | None:
             sum(getattr(gap, name) * gap.residuals for each in counted for gap in each.gaps) / rows
         )
 
-    return Gap(before=mean("before"), after=mean("after"), floor=mean("floor"))
+    return ResidualGap(before=mean("before"), after=mean("after"), floor=mean("floor"))
 
 
 def effect_to_dict(effect: FoundEffect) -> dict[str, object]:
@@ -174,7 +174,7 @@ MARGIN = 1.5
 size, which doubles the gain in nats."""
 
 
-def without_ruled_out(findings: Sequence[Findings]) -> tuple[Findings, ...]:
+def without_ruled_out(findings: Sequence[SearchFindings]) -> tuple[SearchFindings, ...]:
     """Findings without the effects that other findings rule out.
 
     A set of one effect becomes a name.
@@ -234,7 +234,7 @@ def largest(name: str, rivals: Sequence[FoundEffect]) -> float:
     return max((size for size in sizes if math.isfinite(size)), default=math.nan)
 
 
-def _rules_out(other: Findings, name: str, of: Findings) -> bool:
+def _rules_out(other: SearchFindings, name: str, of: SearchFindings) -> bool:
     """True where a finding would have shown an effect of the size that another finding needs,
     and did not.
     """

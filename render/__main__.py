@@ -11,7 +11,7 @@ from saltus.render.camera import RobotCamera
 from saltus.render.exposure import Exposure, PerfectExposure, StereoExposure
 from saltus.render.process import CameraProcess, random_stream
 from saltus.runtime.process import ProcessContext, run_process
-from saltus.runtime.ticker import freshness
+from saltus.runtime.ticker import staleness_of
 from saltus.wire.bus import Bus
 from saltus.wire.messages import OPERATOR, DepthFrame, Done, GroundTruth
 
@@ -139,7 +139,7 @@ def run_realtime(context: ProcessContext, camera: CameraProcess) -> None:
         sample = truths.wait(context.clock.machine_s(camera.wait_s(context.clock.now_ns(), WAIT_S)))
         now_ns = context.clock.now_ns()
         truth = None
-        if sample is not None and freshness(truths.topic, sample.message.time_ns, now_ns).usable:
+        if sample is not None and staleness_of(truths.topic, sample.message.time_ns, now_ns).usable:
             truth = sample.message
         frame = camera.step(truth, now_ns)
         if frame is not None:

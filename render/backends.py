@@ -4,13 +4,13 @@ import ctypes.util
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from saltus.config import Renderer as RendererName
+from saltus.config import RendererName as RendererName
 from saltus.depth import Intrinsics
 from saltus.errors import SaltusError, check_known
 from saltus.render.camera import RobotCamera
 from saltus.render.renderer import Renderer as Renderer
 from saltus.render.renderer import StereoRenderer
-from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.optics import StereoOptics
 from saltus.terrain.terrain import Terrain
 
 NAMES: tuple[RendererName, ...] = ("auto", "embree", "pyrender", "warp")
@@ -20,11 +20,11 @@ a pixel against 0.08 us a ray, with some legs in view (`saltus bench render`).""
 STEREO_PREFERENCE = ("embree", "pyrender")
 
 
-class BackEnd(NamedTuple):
+class RenderBackEnd(NamedTuple):
     """The renderers of a back end."""
 
     single: Callable[[Terrain, RobotCamera], Renderer]
-    pair: Callable[[Terrain, Optics, RobotCamera], StereoRenderer]
+    pair: Callable[[Terrain, StereoOptics, RobotCamera], StereoRenderer]
 
 
 def make_renderer(name: str, terrain: Terrain, camera: RobotCamera) -> Renderer:
@@ -37,7 +37,9 @@ def make_renderer(name: str, terrain: Terrain, camera: RobotCamera) -> Renderer:
     return _loaded(name, preference(camera.intrinsics)).single(terrain, camera)
 
 
-def make_stereo(name: str, terrain: Terrain, optics: Optics, camera: RobotCamera) -> StereoRenderer:
+def make_stereo(
+    name: str, terrain: Terrain, optics: StereoOptics, camera: RobotCamera
+) -> StereoRenderer:
     """A renderer of both views by name; "auto" is Embree, whose second view is exact.
 
     Errors as `make_renderer`.
@@ -51,7 +53,7 @@ def make_stereo(name: str, terrain: Terrain, optics: Optics, camera: RobotCamera
     return _loaded(name, STEREO_PREFERENCE).pair(terrain, optics, camera)
 
 
-def _loaded(name: str, preferred: Sequence[str]) -> BackEnd:
+def _loaded(name: str, preferred: Sequence[str]) -> RenderBackEnd:
     """Back ends are imported here, each only when it is asked for: their libraries are large."""
     check_known("no renderer", name, NAMES)
     failures = []
@@ -81,29 +83,29 @@ def has_driver() -> bool:
     return ctypes.util.find_library("cuda") is not None
 
 
-def _embree() -> BackEnd:
+def _embree() -> RenderBackEnd:
     from saltus.render.embree import EmbreeRenderer
     from saltus.render.stereo_embree import StereoEmbree
 
-    return BackEnd(EmbreeRenderer, StereoEmbree)
+    return RenderBackEnd(EmbreeRenderer, StereoEmbree)
 
 
-def _pyrender() -> BackEnd:
+def _pyrender() -> RenderBackEnd:
     from saltus.render._gl import load_pyrender
     from saltus.render.pyrender_osmesa import PyrenderRenderer
     from saltus.render.stereo_pyrender import StereoPyrender
 
     load_pyrender()
-    return BackEnd(PyrenderRenderer, StereoPyrender)
+    return RenderBackEnd(PyrenderRenderer, StereoPyrender)
 
 
-def _warp() -> BackEnd:
+def _warp() -> RenderBackEnd:
     from saltus.render.warp import StereoWarp, WarpRenderer
 
-    return BackEnd(WarpRenderer, StereoWarp)
+    return RenderBackEnd(WarpRenderer, StereoWarp)
 
 
-_LOADERS: dict[str, Callable[[], BackEnd]] = {
+_LOADERS: dict[str, Callable[[], RenderBackEnd]] = {
     "embree": _embree,
     "pyrender": _pyrender,
     "warp": _warp,

@@ -23,7 +23,7 @@ from saltus.render.bracket import (
 PX = 3.0
 """Pixels for each millimetre."""
 WIDTH, HEIGHT = 900, 430
-Point = tuple[float, float]
+DrawingPoint = tuple[float, float]
 
 
 def drawing(bracket: Bracket) -> str:
@@ -48,14 +48,14 @@ def drawing(bracket: Bracket) -> str:
     )
 
 
-def _side(bracket: Bracket, origin: Point) -> list[str]:
+def _side(bracket: Bracket, origin: DrawingPoint) -> list[str]:
     """Side view; the front of the trunk's top lies at `origin` [px]."""
     forward, _, up = bracket.axes.T
 
-    def seen(x: float, z: float) -> Point:
+    def seen(x: float, z: float) -> DrawingPoint:
         return origin[0] + PX * (x - bracket.front), origin[1] - PX * (z - bracket.top)
 
-    def box(near: float, far: float) -> list[Point]:
+    def box(near: float, far: float) -> list[DrawingPoint]:
         """Between two distances behind the camera's back, as high as the camera."""
         half = 0.5 * CAMERA_MM[2]
         corners = [(near, -half), (near, half), (far, half), (far, -half)]
@@ -91,7 +91,7 @@ def _side(bracket: Bracket, origin: Point) -> list[str]:
 
 
 def _plate(
-    sides: Sequence[float], slot: Sequence[float], apart: Point, at: Point, name: str
+    sides: Sequence[float], slot: Sequence[float], apart: DrawingPoint, at: DrawingPoint, name: str
 ) -> list[str]:
     """A plate with two slots; its left upper corner lies at `at` [px]."""
     width, height = (PX * side for side in sides)
@@ -110,21 +110,21 @@ def _plate(
     ]
 
 
-def _rectangle(middle: Point, sides: Sequence[float]) -> list[Point]:
+def _rectangle(middle: DrawingPoint, sides: Sequence[float]) -> list[DrawingPoint]:
     x, y = (0.5 * PX * side for side in sides)
     return [(middle[0] + i * x, middle[1] + j * y) for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
 
 
-def _shape(points: Sequence[Point], kind: str) -> str:
+def _shape(points: Sequence[DrawingPoint], kind: str) -> str:
     return f'<polygon class="{kind}" points="{" ".join(f"{x:.1f},{y:.1f}" for x, y in points)}"/>'
 
 
-def _size(a: Point, b: Point, text: str, aside: Point) -> str:
+def _size(a: DrawingPoint, b: DrawingPoint, text: str, aside: DrawingPoint) -> str:
     """A dimension from one point to another, drawn beside them."""
     (ax, ay), (bx, by) = ((x + aside[0], y + aside[1]) for x, y in (a, b))
     line = f'<line class="size" x1="{ax:.1f}" y1="{ay:.1f}" x2="{bx:.1f}" y2="{by:.1f}"/>'
     return line + _text((0.5 * (ax + bx) + 4.0, 0.5 * (ay + by) - 4.0), text)
 
 
-def _text(at: Point, text: str) -> str:
+def _text(at: DrawingPoint, text: str) -> str:
     return f'<text x="{at[0]:.1f}" y="{at[1]:.1f}">{text}</text>'

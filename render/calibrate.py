@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from saltus.arrays import Floats, Reals
-from saltus.config import Value
+from saltus.config import TomlValue
 from saltus.depth import BASELINE_M, NOTHING, intrinsics_of
 from saltus.depth_camera import DepthCamera
 from saltus.errors import RecordingError
@@ -60,7 +60,7 @@ BLOCKS = 8
 
 
 @dataclass(frozen=True, kw_only=True)
-class CameraPlace(Value):
+class CameraPlace(TomlValue):
     """Place of a camera on the trunk."""
 
     pitch: float
@@ -85,7 +85,7 @@ STEP = 1e-6  # of pitch and roll [rad] and of height [m], for derivatives
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Calibration:
+class CameraCalibration:
     """Place of the camera that took a recording."""
 
     claimed: CameraPlace
@@ -106,7 +106,7 @@ class Calibration:
     them, and the found."""
 
 
-def calibrate(path: Path) -> Calibration:
+def calibrate(path: Path) -> CameraCalibration:
     """Reads a recording (.mcap) of a robot that stands.
 
     Raises:
@@ -153,7 +153,7 @@ def stands(state: RobotState) -> bool:
 
 def fit_place(
     pairs: Sequence[tuple[DepthFrame, RobotState]], robot: Robot, camera: DepthCamera
-) -> Calibration:
+) -> CameraCalibration:
     """The camera's place by images and states of one robot, which claims the place that it has.
 
     Raises:
@@ -183,7 +183,7 @@ def fit_place(
     parts = [_fit(SeenPoints.joined([views[i] for i in block]), found) for block in blocks]
     spread = interval_90(np.array([part.numbers for part in parts]))
     position = (float(robot.camera_position[0]), float(robot.camera_position[1]), found.height)
-    return Calibration(
+    return CameraCalibration(
         claimed=claimed,
         found=found,
         half_width_90=NOWHERE.by(spread),

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import plotly.graph_objects as go
 
-from saltus.render.calibrate import Calibration
+from saltus.render.calibrate import CameraCalibration
 from saltus.reports.figures import laid_out
 from saltus.reports.page import render, write_page
 
@@ -27,7 +27,7 @@ class PlaceRow:
     half_width_90: float
 
 
-def rows_of(found: Calibration) -> list[PlaceRow]:
+def rows_of(found: CameraCalibration) -> list[PlaceRow]:
     """Pitch and roll [deg], height [mm]."""
     units, scales = (
         {"pitch": "deg", "roll": "deg", "height": "mm"},
@@ -45,7 +45,7 @@ def rows_of(found: Calibration) -> list[PlaceRow]:
     ]
 
 
-def write_calibration_plot(found: Calibration, path: Path) -> Path:
+def write_calibration_plot(found: CameraCalibration, path: Path) -> Path:
     """Writes one HTML file."""
     figure = go.Figure()
     every = max(1, len(found.points_found) // SHOWN)

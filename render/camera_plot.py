@@ -15,9 +15,18 @@ from saltus.depth import MODEL_CAMERA, RANGE_M
 from saltus.depth_camera import DepthCamera
 from saltus.grid import HeightGrid
 from saltus.render.camera import RobotCamera, camera_pose
-from saltus.render.preview import Depth, Picture, Poses, Scale, for_network, poses, settled, views
+from saltus.render.preview import (
+    CaptionedPicture,
+    Depth,
+    DepthColours,
+    ViewPoses,
+    for_network,
+    poses,
+    settled,
+    views,
+)
 from saltus.render.stereo.camera import StereoConfig
-from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.optics import StereoOptics
 from saltus.render.stereo_embree import StereoEmbree
 from saltus.reports.figures import GREEN, GREY, ORANGE, RED, ground_figure, laid_out
 from saltus.reports.page import render, write_page
@@ -76,7 +85,7 @@ def draw_camera(
         invalid=float((network == 0.0).mean()),
         visible=_visible(terrain, points, view, camera, pose),
     )
-    scale = Scale.of([depth, network])
+    scale = DepthColours.of([depth, network])
     text = render(
         __file__,
         name=camera.name,
@@ -93,18 +102,20 @@ def draw_camera(
     return coverage
 
 
-def _seen(robot: Robot, terrain: Terrain, camera: DepthCamera, pose: Poses) -> tuple[Depth, Depth]:
+def _seen(
+    robot: Robot, terrain: Terrain, camera: DepthCamera, pose: ViewPoses
+) -> tuple[Depth, Depth]:
     """An image of a camera that has stood still for a while,
     and what the network gets of it [m].
     """
-    optics = Optics.behind(camera.image, camera)
+    optics = StereoOptics.behind(camera.image, camera)
     pair = StereoEmbree(terrain, optics, RobotCamera.on(robot, camera.image)).render_pair(*pose)
     depth = camera.in_range(settled(StereoConfig.of(camera), optics, *pair))
     return np.asarray(depth, np.float32), for_network(depth, camera.image)
 
 
 def _visible(
-    terrain: Terrain, points: Floats, view: RobotCamera, camera: DepthCamera, pose: Poses
+    terrain: Terrain, points: Floats, view: RobotCamera, camera: DepthCamera, pose: ViewPoses
 ) -> NDArray[np.bool_]:
     """See `CameraCoverage.visible`; legs are not in the way here."""
     origin, rotation = camera_pose(view.mount, pose[0], pose[1])
@@ -126,7 +137,7 @@ def _points(grid: HeightGrid, terrain: Terrain, position: Floats) -> Floats:
     return np.stack([x[0], y[0], terrain.height_at(x[0], y[0])], axis=-1)
 
 
-def _framed(scale: Scale, depth: Depth, camera: DepthCamera) -> Picture:
+def _framed(scale: DepthColours, depth: Depth, camera: DepthCamera) -> CaptionedPicture:
     """The image of a camera, with a frame about what the network gets of it."""
     image, picture = camera.image, scale.coloured(depth)
     picture = cv2.resize(
@@ -138,7 +149,7 @@ def _framed(scale: Scale, depth: Depth, camera: DepthCamera) -> Picture:
         for corner in (centre - reach, centre + reach)
     )
     cv2.rectangle(picture, first, last, FRAME, 2)
-    return Picture.of(
+    return CaptionedPicture.of(
         f"{image.width} x {image.height}", "In the frame: what the network gets", picture
     )
 
@@ -149,7 +160,7 @@ def _from_aside(
     view: RobotCamera,
     coverage: CameraCoverage,
     points: Floats,
-    pose: Poses,
+    pose: ViewPoses,
 ) -> go.Figure:
     """Trunk, ground, the network's view and the heightmap's points, from the right-hand side."""
     position, quaternion, _ = pose

@@ -1,7 +1,7 @@
 """Back end on Embree (open3d): rays against the terrain's triangles,
 exact capsules for the legs.
 
-A course of columns needs no rays where the camera is above it (`saltus.render.course`).
+A course of columns needs no rays where the camera is above it (`saltus.render.course_columns`).
 """
 
 import os
@@ -15,9 +15,9 @@ from saltus.arrays import Floats
 from saltus.render._open3d import load_open3d
 from saltus.render.camera import RobotCamera, camera_pose, ray_directions
 from saltus.render.capsules import capsules_in_camera, draw_capsules
-from saltus.render.course import SeenColumns
+from saltus.render.course_columns import SeenColumns
 from saltus.render.renderer import Renderer
-from saltus.render.surface import terrain_triangles
+from saltus.render.terrain_mesh import terrain_triangles
 from saltus.robots.leg_shapes import Capsules
 from saltus.terrain.terrain import Terrain
 

@@ -14,7 +14,7 @@ from saltus.render.backends import make_stereo
 from saltus.render.camera import RobotCamera
 from saltus.render.renderer import Renderer
 from saltus.render.stereo.camera import StereoCamera, StereoConfig
-from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.optics import StereoOptics
 from saltus.robots.robot import Robot
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import GroundTruth
@@ -68,7 +68,7 @@ class StereoExposure:
         renderer: str = "auto",
     ) -> None:
         self.intrinsics = camera.image
-        optics = Optics.behind(camera.image, camera)
+        optics = StereoOptics.behind(camera.image, camera)
         self._views = make_stereo(
             renderer, terrain, optics, RobotCamera.on(robot, self.intrinsics).moved(view)
         )

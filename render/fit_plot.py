@@ -10,11 +10,11 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from saltus.arrays import Floats, Reals
-from saltus.render.fit import FitResult
 from saltus.render.stereo.fit_baseline import edge_shadows, left_bands
+from saltus.render.stereo_fit import FitResult
 from saltus.reports.page import render, write_page
 
-Curve = tuple[Floats, Floats]
+PlotCurve = tuple[Floats, Floats]
 """Points, each of shape (n,)."""
 MEASURED = {"mode": "markers", "marker": {"color": "#1f5fa8", "size": 6}}
 SHOWN = 400  # widths: more would hide each other

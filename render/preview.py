@@ -22,18 +22,18 @@ from saltus.grid import HeightGrid
 from saltus.render.camera import RobotCamera, camera_pose, ray_directions
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.stereo.camera import StereoCamera, StereoConfig
-from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.optics import StereoOptics
 from saltus.render.stereo_embree import StereoEmbree
 from saltus.reports.figures import BLUE, ground_figure, laid_out
 from saltus.reports.page import render, write_page
-from saltus.reports.templates import data_url
+from saltus.reports.page_templates import data_url
 from saltus.robots.robot import Robot
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.sim.video import snapshots
 from saltus.terrain.terrain import Terrain
 
 Depth = NDArray[np.float32]
-Poses = tuple[Floats, Floats, Floats]
+ViewPoses = tuple[Floats, Floats, Floats]
 
 # Of a camera that stands still, before its picture is shown: the temporal filter has settled by
 # then
@@ -45,7 +45,7 @@ ROBOT_SIZE, ROBOT_QUALITY = (320, 240), (cv2.IMWRITE_WEBP_QUALITY, 85)
 LOSSLESS = (cv2.IMWRITE_WEBP_QUALITY, 101)  # above 100, as OpenCV says it; half the size of a PNG
 
 
-class Picture(NamedTuple):
+class CaptionedPicture(NamedTuple):
     """A picture with its caption."""
 
     title: str
@@ -55,7 +55,7 @@ class Picture(NamedTuple):
     is_narrow: bool = False
 
     @classmethod
-    def of(cls, title: str, text: str, colours: NDArray[np.uint8]) -> "Picture":
+    def of(cls, title: str, text: str, colours: NDArray[np.uint8]) -> "CaptionedPicture":
         """A picture (BGR) as it is."""
         return cls(title, text, _source(colours, LOSSLESS), colours.shape[1] < colours.shape[0])
 
@@ -65,7 +65,7 @@ _NO_HEIGHTS = HeightGrid(x=(0.0,))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scale:
+class DepthColours:
     """Colours of depth, the same on a whole page:
     the nearest is bright, by the logarithm, in even steps to the eye.
     """
@@ -75,7 +75,7 @@ class Scale:
     """[m]; what is farther has the same colour."""
 
     @classmethod
-    def of(cls, images: Sequence[Depth]) -> "Scale":
+    def of(cls, images: Sequence[Depth]) -> "DepthColours":
         """The scale from the nearest to the farthest depth of images within the model's range."""
         depth = np.concatenate([image.ravel() for image in images])
         seen = depth[(depth > 0.0) & (depth <= RANGE_M)]
@@ -94,9 +94,9 @@ class Scale:
         colours[depth <= 0.0] = INVALID_COLOUR
         return colours.astype(np.uint8)
 
-    def picture(self, title: str, text: str, depth: Depth) -> Picture:
+    def picture(self, title: str, text: str, depth: Depth) -> CaptionedPicture:
         """Depth in colours, with its caption."""
-        return Picture.of(title, text, self.coloured(depth))
+        return CaptionedPicture.of(title, text, self.coloured(depth))
 
     def legend(self) -> list[tuple[float, tuple[int, int, int]]]:
         """Depths [m] from the nearest to the farthest, and their colours (red, green, blue)."""
@@ -157,10 +157,10 @@ def write_preview(robot: Robot, terrain: Terrain, camera: DepthCamera, path: Pat
     """
     shown = views(robot)
     robots, sensor = poses(terrain, shown), camera.matching
-    wide = StereoEmbree(terrain, Optics.behind(sensor, camera), RobotCamera.on(robot, sensor))
+    wide = StereoEmbree(terrain, StereoOptics.behind(sensor, camera), RobotCamera.on(robot, sensor))
     depth, hidden = wide.render_pair_batch(*robots)
     narrow = EmbreeRenderer(terrain, RobotCamera.on(robot)).render_batch(*robots)
-    scale = Scale.of([*depth, *narrow])
+    scale = DepthColours.of([*depth, *narrow])
     true = depth[EFFECTS_VIEW]
     stages = list(effect_stages(true, hidden[EFFECTS_VIEW], camera))
     reported = camera.in_range(stages[-1][2] if stages else true)
@@ -196,7 +196,7 @@ def course_figure(terrain: Terrain) -> go.Figure:
     return laid_out(figure, 330, x="x [m]", y="z [m]")
 
 
-def poses(terrain: Terrain, shown: Sequence[Viewpoint]) -> Poses:
+def poses(terrain: Terrain, shown: Sequence[Viewpoint]) -> ViewPoses:
     """The robots of views: positions, quaternions, joints."""
     edge = terrain.first_edge_x if np.isfinite(terrain.first_edge_x) else 1.5
     x = np.array([edge - view.before_edge for view in shown])
@@ -220,7 +220,7 @@ def effect_stages(
         hidden: what the right imager does not see, same shape.
         camera: whose effects; those at their null value are left out.
     """
-    config, optics = StereoConfig.of(camera), Optics.behind(camera.matching, camera)
+    config, optics = StereoConfig.of(camera), StereoOptics.behind(camera.matching, camera)
     names = [effect.name for effect in config.effects if not effect.is_null()]
     for count in range(1, len(names) + 1):
         stage = settled(config.only(names[:count]), optics, depth, hidden)
@@ -230,7 +230,9 @@ def effect_stages(
         yield names[count - 1].replace("_", " "), meaning, stage
 
 
-def settled(config: StereoConfig, optics: Optics, depth: Depth, hidden: NDArray[np.bool_]) -> Depth:
+def settled(
+    config: StereoConfig, optics: StereoOptics, depth: Depth, hidden: NDArray[np.bool_]
+) -> Depth:
     """The image of a stereo camera that has stood still for a while [m].
 
     Its noise is always the same.
@@ -249,7 +251,7 @@ def for_network(depth: Depth, camera: Intrinsics) -> Depth:
 
 
 def cloud_figure(
-    wide: StereoEmbree, camera: DepthCamera, robots: Poses, true: Depth, reported: Depth
+    wide: StereoEmbree, camera: DepthCamera, robots: ViewPoses, true: Depth, reported: Depth
 ) -> go.Figure:
     """A figure of two depth images, true and reported, as points in the world."""
     origin, rotation = camera_pose(wide.mount, robots[0][EFFECTS_VIEW], robots[1][EFFECTS_VIEW])
@@ -277,8 +279,8 @@ def cloud_figure(
 
 
 def _robots(
-    robot: Robot, terrain: Terrain, shown: Sequence[Viewpoint], robots: Poses
-) -> tuple[list[Picture], str]:
+    robot: Robot, terrain: Terrain, shown: Sequence[Viewpoint], robots: ViewPoses
+) -> tuple[list[CaptionedPicture], str]:
     """The robot in each pose, seen from aside; or why there is no way to draw it."""
     position, quaternion, joints = robots
     pose, none = (
@@ -291,7 +293,8 @@ def _robots(
         return [], str(error)
     sources = [_source(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR), ROBOT_QUALITY) for frame in frames]
     return [
-        Picture(view.title, "", source) for view, source in zip(shown, sources, strict=True)
+        CaptionedPicture(view.title, "", source)
+        for view, source in zip(shown, sources, strict=True)
     ], ""
 
 
@@ -299,13 +302,17 @@ def _source(picture: NDArray[np.uint8], quality: tuple[int, int]) -> str:
     return data_url("webp", cv2.imencode(".webp", picture, quality)[1])
 
 
-def _clean(view: Viewpoint, scale: Scale, wide: Depth, narrow: Depth) -> list[Picture]:
+def _clean(
+    view: Viewpoint, scale: DepthColours, wide: Depth, narrow: Depth
+) -> list[CaptionedPicture]:
     nearest = float(wide.min())
     text = f"nearest {nearest:.2f} m" if np.isfinite(nearest) else "nothing within range"
     return [scale.picture(view.title, text, wide), scale.picture("", "", narrow)]
 
 
-def _for_model(scale: Scale, camera: DepthCamera, true: Depth, reported: Depth) -> list[Picture]:
+def _for_model(
+    scale: DepthColours, camera: DepthCamera, true: Depth, reported: Depth
+) -> list[CaptionedPicture]:
     pictures = []
     for title, depth in (("true", true), ("as reported", reported)):
         pictures.append(

@@ -14,7 +14,7 @@ from saltus.render._gl import gl_platform, load_pyrender
 from saltus.render.camera import RobotCamera, camera_pose
 from saltus.render.capsules import capsules_in_camera, windows
 from saltus.render.renderer import Renderer
-from saltus.render.surface import terrain_triangles
+from saltus.render.terrain_mesh import terrain_triangles
 from saltus.robots.leg_shapes import Capsules
 from saltus.rotations import rotation_matrix
 from saltus.terrain.terrain import Terrain

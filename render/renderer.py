@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats
 from saltus.errors import SaltusError
 from saltus.render.camera import RobotCamera
-from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.optics import StereoOptics
 from saltus.robots.leg_shapes import LegShapes
 from saltus.terrain.terrain import Terrain
 
@@ -66,7 +66,7 @@ class StereoRenderer(Renderer):
     The camera is the left imager; the right one is `optics.baseline_m` to its right.
     """
 
-    optics: Optics
+    optics: StereoOptics
 
     def render_pair(
         self, base_position: Floats, base_quaternion: Floats, joint_position: Floats

@@ -13,7 +13,7 @@ from saltus.render.camera import RobotCamera, camera_pose
 from saltus.render.capsules import Quadrics, capsules_in_camera, windows
 from saltus.render.embree import RAYS_PER_CAST, EmbreeRenderer, open3d
 from saltus.render.renderer import StereoRenderer, check_poses
-from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.optics import StereoOptics
 from saltus.robots.leg_shapes import Capsules
 from saltus.terrain.columns import Columns
 from saltus.terrain.terrain import Terrain
@@ -135,7 +135,7 @@ class StereoEmbree(EmbreeRenderer, StereoRenderer):
     """
 
     def __init__(
-        self, terrain: Terrain, optics: Optics, camera: RobotCamera, *, threads: int = 1
+        self, terrain: Terrain, optics: StereoOptics, camera: RobotCamera, *, threads: int = 1
     ) -> None:
         super().__init__(terrain, camera, threads=threads)
         self.optics = optics
@@ -229,7 +229,7 @@ class StereoEmbree(EmbreeRenderer, StereoRenderer):
         hidden.reshape(-1)[point[behind]] = True
 
 
-def right_camera(camera: Intrinsics, optics: Optics, nearest_m: float) -> Intrinsics:
+def right_camera(camera: Intrinsics, optics: StereoOptics, nearest_m: float) -> Intrinsics:
     """A camera at the right imager that sees all that `camera`,
     at the left one, sees from `nearest_m` on.
 

@@ -11,7 +11,7 @@ from saltus.depth import Intrinsics
 from saltus.render.camera import RobotCamera
 from saltus.render.pyrender_osmesa import PyrenderRenderer
 from saltus.render.renderer import StereoRenderer
-from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.optics import StereoOptics
 from saltus.terrain.terrain import Terrain
 
 # What is nearer is outside of the right image and counts as visible: a D435i at 424x240 does not
@@ -31,7 +31,7 @@ class StereoPyrender(PyrenderRenderer, StereoRenderer):
     disparity behind counts as visible.
     """
 
-    def __init__(self, terrain: Terrain, optics: Optics, camera: RobotCamera) -> None:
+    def __init__(self, terrain: Terrain, optics: StereoOptics, camera: RobotCamera) -> None:
         super().__init__(terrain, camera)
         self.optics = optics
         self._right = PyrenderRenderer(terrain, right_imager(camera, optics))
@@ -53,7 +53,7 @@ class StereoPyrender(PyrenderRenderer, StereoRenderer):
         return depth, hidden
 
 
-def right_imager(camera: RobotCamera, optics: Optics) -> RobotCamera:
+def right_imager(camera: RobotCamera, optics: StereoOptics) -> RobotCamera:
     """The right one of a pair as a camera of its own:
     it sees all that `camera`, the left one, sees from 8 cm on.
     """

@@ -15,13 +15,13 @@ from saltus.errors import SaltusError
 from saltus.render.camera import RobotCamera, camera_pose
 from saltus.render.capsules import capsules_in_camera
 from saltus.render.renderer import Renderer, StereoRenderer, check_poses
-from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.optics import StereoOptics
 from saltus.render.warp_kernels import WarpScene, cast_kernel, hide_kernel
 from saltus.robots.leg_shapes import LegShapes
 from saltus.robots.mount import Mount
 from saltus.terrain.boxes import Boxes
-from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
+from saltus.terrain.terrain_stack import TerrainStack
 
 FARTHEST_M = 20.0  # what is farther has a disparity of half a pixel: both imagers see it alike
 # Of the way from the right imager to a point: short of the surface that the point lies on
@@ -193,7 +193,7 @@ class WarpRenderer(Renderer):
 class StereoWarp(WarpRenderer, StereoRenderer):
     """See `StereoRenderer`: a ray from the right imager to every point."""
 
-    def __init__(self, terrain: Terrain, optics: Optics, camera: RobotCamera) -> None:
+    def __init__(self, terrain: Terrain, optics: StereoOptics, camera: RobotCamera) -> None:
         super().__init__(terrain, camera)
         self.optics = optics
 

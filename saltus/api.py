@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from saltus.loop.heights import HeightsFactory
     from saltus.loop.loop import Moment
     from saltus.loop.planner import Planner
-    from saltus.real2sim.progress import Progress
+    from saltus.real2sim.progress import ProgressListener
     from saltus.real2sim.results import Judgement
     from saltus.robots.robot import Robot
     from saltus.terrain.terrain import Terrain
@@ -235,7 +235,7 @@ def find_effects(
     profile: str = "ideal",
     seed: int = 0,
     report: bool = True,
-    progress: "Progress | None" = None,
+    progress: "ProgressListener | None" = None,
 ) -> "Judgement":
     """Finds which effects the simulator lacks to explain logs of one robot:
     what `saltus real2sim find` does.

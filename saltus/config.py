@@ -18,13 +18,13 @@ import tomli_w
 from saltus.errors import ConfigError, check_known, nearest_hint
 
 Pace = Literal["lockstep", "realtime"]
-Renderer = Literal["auto", "embree", "pyrender", "warp"]
+RendererName = Literal["auto", "embree", "pyrender", "warp"]
 PlannerName = Literal["scripted", "learned"]
 PLAN_TOPICS = ("policy/plan", "policy/joints")
 """Topics of plans for jumps, and of joint targets."""
 RunPlanner = Literal["scripted", "learned", "walking"]
 RunHeights = Literal["predicted", "true"]
-Link = Literal["here", "dds"]
+LinkName = Literal["here", "dds"]
 
 Config = TypeVar("Config")
 
@@ -89,7 +89,7 @@ class RunConfig:
     terrain: TerrainConfig = field(default_factory=TerrainConfig)
     seed: int = 0
     pace: Pace = "lockstep"
-    renderer: Renderer = "auto"
+    renderer: RendererName = "auto"
     camera: str = "ideal"
     """"ideal": true depth at the model's resolution. "d435i": a stereo camera's errors at 80x240.
 
@@ -116,7 +116,7 @@ class RunConfig:
     """Path of a script of commands (`saltus.drive.script`), which an operator's process gives: in
     lockstep the planner waits for the command of each step."""
     time_limit_s: float = 20.0
-    link: Link = "here"
+    link: LinkName = "here"
     """here: the robot is simulated in the controller's process. dds: it is another process, which
     is spoken to over its own protocol."""
     domain: int = 1
@@ -173,7 +173,7 @@ class RunConfig:
             )
 
 
-class Value:
+class TomlValue:
     """A frozen dataclass that is handed down, with a TOML form that reads back equal to the bit."""
 
     @classmethod

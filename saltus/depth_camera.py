@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Array, Constant, namespace
-from saltus.config import Value, changed, check_between, read_file, read_toml
+from saltus.config import TomlValue, changed, check_between, read_file, read_toml
 from saltus.depth import (
     BASELINE_M,
     D435I,
@@ -44,7 +44,7 @@ _VIEWS = ("image", "sensor")  # tables that are named as a whole
 
 
 @dataclass(frozen=True, kw_only=True)
-class DepthCamera(Value):
+class DepthCamera(TomlValue):
     """A depth camera on a robot.
 
     Raises:

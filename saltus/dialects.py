@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 from saltus.arrays import Points, namespace
-from saltus.config import Value, check_between
+from saltus.config import TomlValue, check_between
 from saltus.errors import ConfigError, check_known
 from saltus.grid import HeightGrid
 
 
 @dataclass(frozen=True, kw_only=True)
-class Dialect(Value):
+class Dialect(TomlValue):
     """One policy's way to read heights: (how far the ground is below the base - offset),
     clipped, then scaled.
 

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Constant, Places, Points, Scalars, namespace
-from saltus.config import Value, load
+from saltus.config import TomlValue, load
 from saltus.errors import ConfigError, nearest_hint
 
 _ROUNDING_M = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
-class HeightGrid(Value):
+class HeightGrid(TomlValue):
     """Points in the yaw-aligned frame of the base: x ahead, y to the left.
 
     Row after row, each from its first y on.

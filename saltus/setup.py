@@ -7,7 +7,7 @@ from typing import Any, Self, cast
 
 import tomli_w
 
-from saltus.config import Value, read_toml
+from saltus.config import TomlValue, read_toml
 from saltus.depth_camera import DepthCamera
 from saltus.effects.profile import Profile
 from saltus.errors import ConfigError
@@ -18,7 +18,7 @@ from saltus.trial import Trial
 
 
 @dataclass(frozen=True, kw_only=True)
-class Setup(Value):
+class Setup(TomlValue):
     """One robot on its course."""
 
     robot: Robot
@@ -51,7 +51,10 @@ class Setup(Value):
             ConfigError: not TOML, or a table that is missing, unknown or none of its value; the
                 message names it.
         """
-        tables, kinds = read_toml(text), {f.name: cast(type[Value], f.type) for f in fields(cls)}
+        tables, kinds = (
+            read_toml(text),
+            {f.name: cast(type[TomlValue], f.type) for f in fields(cls)},
+        )
         if tables.keys() != kinds.keys():
             raise ConfigError(
                 f"it has the tables {', '.join(tables)}: it must have {', '.join(kinds)}"

@@ -1,6 +1,6 @@
 """States that robots know of themselves, with one set of names for all who know or read them.
 
-Consumers take a protocol and name what they read: the estimator a `Measurement`; leg controller,
+Consumers take a protocol and name what they read: the estimator a `SensorReadings`; leg controller,
 planner and heightmap network a `Proprioception`. Frames are in the names: base_in_world turns or
 moves from base to world, base is in the base frame. Arrays are numpy or torch with any leading
 batch dimensions (...); legs FR, FL, RR, RL, joints in the order of `saltus.robots.robot`.
@@ -18,7 +18,7 @@ from saltus.robots.robot import Robot
 from saltus.wire.messages import ControllerMode, RobotState
 
 
-class Measurement(Protocol):
+class SensorReadings(Protocol):
     """Readings of IMU and encoders."""
 
     @property
@@ -54,7 +54,7 @@ class StateEstimate(Protocol):
         """Height of the base above the feet in stance [m], shape (...)."""
 
 
-class Schedule(Protocol):
+class GaitSchedule(Protocol):
     """The schedule of the legs, as the gait says it."""
 
     @property
@@ -74,29 +74,29 @@ class Schedule(Protocol):
         """Completed gait cycles, shape (...)."""
 
 
-class Proprioception(Measurement, StateEstimate, Protocol):
+class Proprioception(SensorReadings, StateEstimate, Protocol):
     """All that robots know of themselves; `saltus.wire.messages.RobotState` is it for one robot."""
 
     @property
     def leg_contact(self) -> LegFlags:
-        """See `Schedule.contact`."""
+        """See `GaitSchedule.contact`."""
 
     @property
     def leg_progress(self) -> PerLeg:
-        """See `Schedule.progress`."""
+        """See `GaitSchedule.progress`."""
 
     @property
     def leg_trusted(self) -> LegFlags:
-        """See `Schedule.trusted`."""
+        """See `GaitSchedule.trusted`."""
 
     @property
     def cycle(self) -> Counts:
-        """See `Schedule.cycle`."""
+        """See `GaitSchedule.cycle`."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Sensed:
-    """A `Measurement` as plain arrays."""
+class SensorArrays:
+    """A `SensorReadings` as plain arrays."""
 
     quaternion_base_in_world: Quaternions
     angular_velocity_base: Vectors
@@ -106,7 +106,7 @@ class Sensed:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class RobotStates(Sensed):
+class ProprioceptionArrays(SensorArrays):
     """A `Proprioception` as plain arrays, at one instant of a run."""
 
     velocity_base_in_world: Vectors
@@ -124,7 +124,7 @@ class RobotStates(Sensed):
         return self.step * POLICY_DT
 
 
-ANY_STATES = RobotStates(
+ANY_STATES = ProprioceptionArrays(
     quaternion_base_in_world=np.zeros(4), angular_velocity_base=np.zeros(3),
     acceleration_base=np.zeros(3), joint_position=np.zeros(12), joint_velocity=np.zeros(12),
     velocity_base_in_world=np.zeros(3), base_height=0.0, leg_contact=np.zeros(4, np.bool_),
@@ -134,12 +134,12 @@ ANY_STATES = RobotStates(
 
 
 def states_of(
-    measurement: Measurement, estimate: StateEstimate, schedule: Schedule, step: int = 0
-) -> RobotStates:
+    measurement: SensorReadings, estimate: StateEstimate, schedule: GaitSchedule, step: int = 0
+) -> ProprioceptionArrays:
     """Puts together what sensors, estimator and gait know
     of the same robots at the same instant.
     """
-    return RobotStates(
+    return ProprioceptionArrays(
         quaternion_base_in_world=measurement.quaternion_base_in_world,
         angular_velocity_base=measurement.angular_velocity_base,
         acceleration_base=measurement.acceleration_base,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
-from saltus.config import Value
+from saltus.config import TomlValue
 from saltus.effects.camera import drawn_around
 from saltus.effects.effect import Effect
 from saltus.effects.heightmap_shift import refuse_shift, shift_of
@@ -25,7 +25,7 @@ from saltus.terrain.terrain import Terrain
 from saltus.wire.topics import CAMERA_JITTER_S, CAMERA_LATENCY_S
 
 Effects: TypeAlias = tuple[Effect, ...]
-Cause = Literal["", "trunk_contact", "not_upright", "time_limit", "ended"]
+FailureCause = Literal["", "trunk_contact", "not_upright", "time_limit", "ended"]
 
 UPRIGHT_LIMIT = np.deg2rad(60.0)  # definition of success: |roll| and |pitch| below it
 TIME_LIMIT_S = 20.0  # definition of success
@@ -34,7 +34,7 @@ _SHIFT = 1  # names the random numbers of what a profile lets every robot draw o
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trial(Value):
+class Trial(TomlValue):
     """Values that differ from trial to trial.
 
     The defaults are the nominal trial, without randomness.
@@ -120,7 +120,7 @@ class Outcome:
     """How a trial went."""
 
     success: bool
-    cause: Cause
+    cause: FailureCause
     """Why not; empty for a success."""
     time_s: float
     """From passing `Terrain.timing_x` to the finish, or to the end of the trial; 0 if it was never
@@ -182,7 +182,7 @@ class TrialMonitor:
             return self.end("time_limit")
         return self.end("") if sample[1] >= self._terrain.finish_x else None
 
-    def end(self, cause: Cause = "ended") -> Outcome:
+    def end(self, cause: FailureCause = "ended") -> Outcome:
         """Ends the trial now; "ended" where something else than the robot ended it."""
         if self.outcome is None:
             start_x = self._first[1] if self._first else self._last[1]

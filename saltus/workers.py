@@ -17,9 +17,9 @@ Result = TypeVar("Result")
 
 
 MOST_PROCESSES = 4096  # twice as many cores as the largest computers have
-Listener = Callable[[float], None]
+WorkerListener = Callable[[float], None]
 """Told how much further a task is, in whatever unit."""
-_listener: list[Listener] = []
+_listener: list[WorkerListener] = []
 """Listener of this process: none, or the one that `tell` tells."""
 
 
@@ -36,7 +36,7 @@ def in_order(
     function: Callable[[Task], Result],
     tasks: Sequence[Task],
     processes: int | None = None,
-    listener: Listener | None = None,
+    listener: WorkerListener | None = None,
 ) -> Generator[Result, None, None]:
     """Yields `function` of each task, in the order of the tasks.
 
@@ -93,7 +93,7 @@ def check_processes(processes: int | None) -> None:
 
 
 @contextlib.contextmanager
-def _listening(listener: Listener | None) -> Iterator[None]:
+def _listening(listener: WorkerListener | None) -> Iterator[None]:
     _listener[:] = [listener] if listener else []
     try:
         yield
@@ -101,7 +101,7 @@ def _listening(listener: Listener | None) -> Iterator[None]:
         _listener.clear()
 
 
-def _pass_on(ear: Connection, listener: Listener | None) -> None:
+def _pass_on(ear: Connection, listener: WorkerListener | None) -> None:
     """Until the last of those who tell something is gone."""
     with contextlib.suppress(EOFError):
         while True:

@@ -12,7 +12,7 @@ import numpy as np
 from samples import ROBOT
 
 from saltus.arrays import Floats
-from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table
+from saltus.recordings.run_log import DepthTable, JointTable, LogTable, RunLog
 from saltus.robots.robot import JOINTS
 
 DT = 0.002
@@ -157,8 +157,8 @@ def body_log(*, seconds: float = 8.0, seed: int = 0) -> RunLog:
     return RunLog(
         meta=meta,
         joints=joints,
-        imu=Table(time_s=time_s, values=imu),
-        base=Table(time_s=time_s, values=base),
+        imu=LogTable(time_s=time_s, values=imu),
+        base=LogTable(time_s=time_s, values=base),
         depth=depth,
     )
 

@@ -186,7 +186,7 @@ def _heights(kind: type[Message], rng: np.random.Generator) -> dict[str, Any]:
     return {name: rng.uniform(0.0, 1.0, x.size * y.size) for name in names} | {"x": x, "y": y}
 
 
-def value_of(field: schemas.Field, rng: np.random.Generator) -> Any:
+def value_of(field: schemas.MessageField, rng: np.random.Generator) -> Any:
     if field.enum is not None:
         return field.enum(int(rng.integers(0, len(field.enum))))
     if field.wire == "string":

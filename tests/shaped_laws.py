@@ -17,9 +17,9 @@ from saltus.arrays import namespace
 from saltus.controller.braking import Braking
 from saltus.controller.estimator import Estimator
 from saltus.controller.gait import standing
-from saltus.controller.law import LegController
-from saltus.controller.signals import reference_of
+from saltus.controller.leg_controller import LegController
 from saltus.controller.stance_batched import BatchedSolver
+from saltus.controller.yaw_frame import reference_of
 from saltus.dialects import DIALECTS
 from saltus.effects.camera import CameraChain
 from saltus.effects.chain import ActuatorChain
@@ -31,7 +31,7 @@ from saltus.joint_command import JointCommand
 from saltus.plan import REST
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
-from saltus.states import Sensed, states_of
+from saltus.states import SensorArrays, states_of
 from saltus.terrain.boxes import Box, Boxes
 from saltus.wire.messages import ControllerMode
 
@@ -100,7 +100,7 @@ def control(batch: tuple[int, ...], like: Any, quaternion: Any, drawn: Any) -> N
     state, estimate = law.init(batch, like), estimator.init(batch, like)
     schedule = standing(batch, like)
     joints = xp.asarray(ROBOT.stand_pose, dtype=like.dtype) + drawn(12)
-    measured = Sensed(
+    measured = SensorArrays(
         quaternion_base_in_world=quaternion, angular_velocity_base=drawn(3),
         acceleration_base=drawn(3),
         joint_position=joints, joint_velocity=drawn(12),

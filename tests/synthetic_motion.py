@@ -16,8 +16,8 @@ from saltus.depth_camera import SHIPPED
 from saltus.grid import LINE
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.randomisation import random_mount
-from saltus.heightmap.data.rollouts import Trajectory, filmed
-from saltus.heightmap.service.features import proprioception_of_states
+from saltus.heightmap.data.rollouts import RobotTrajectory, filmed
+from saltus.heightmap.service.proprioception_vector import proprioception_of_states
 from saltus.render.camera import RobotCamera
 from saltus.terrain.curriculum import make_terrain
 
@@ -27,7 +27,7 @@ TERRAINS: tuple[str, ...] = ("flat", "stairs", "stepping_stones", "step", "gap")
 
 def gliding_robots(
     rng: np.random.Generator, count: int, *, ticks: int = 150, terrains: tuple[str, ...] = TERRAINS
-) -> Iterator[Trajectory]:
+) -> Iterator[RobotTrajectory]:
     """Yields trajectories of one robot each: stiff legs,
     a base that bobs and nods above the ground.
     """
@@ -48,7 +48,7 @@ def gliding_episodes(
         yield from filmed([trajectory], [view], camera, PROFILE, LINE, rng)
 
 
-def _trajectory(rng: np.random.Generator, ticks: int, kind: str) -> Trajectory:
+def _trajectory(rng: np.random.Generator, ticks: int, kind: str) -> RobotTrajectory:
     terrain = make_terrain(TerrainConfig(terrain=kind, difficulty=float(rng.uniform(0.0, 0.4))))
     time_s = TICK_S * np.arange(ticks)
     x = rng.uniform(0.0, 1.0) + rng.uniform(0.3, 1.5) * time_s
@@ -71,7 +71,7 @@ def _trajectory(rng: np.random.Generator, ticks: int, kind: str) -> Trajectory:
         base_height=bob + ROBOT.stand_height,
         leg_trusted=np.ones((ticks, 4), np.bool_),
     )
-    return Trajectory(
+    return RobotTrajectory(
         terrain=terrain, position_base_in_world=position, quaternion_base_in_world=quaternion,
         joint_position=joints, proprioception=proprioception_of_states(known, KINEMATICS),
     )  # fmt: skip

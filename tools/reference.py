@@ -18,7 +18,7 @@ import tomli_w
 
 from saltus.effects.effect import Effect
 from saltus.effects.profile import EFFECTS, PARTS
-from saltus.heightmap.service import features
+from saltus.heightmap.service import proprioception_vector
 from saltus.recordings import viewer
 from saltus.robots.robot import JOINTS
 from saltus.wire import depth_codec, messages, schemas
@@ -127,7 +127,7 @@ def _read_by_the_network() -> list[str]:
     """Fields of a state that make the network's proprioception,
     in the order in which it reads them.
     """
-    law = ast.parse(inspect.getsource(features.proprioception_of_states))
+    law = ast.parse(inspect.getsource(proprioception_vector.proprioception_of_states))
     read = [each for each in ast.walk(law) if isinstance(each, ast.Attribute)]
     names = {each.attr: each.lineno for each in read if ast.unparse(each.value) == "states"}
     return sorted(names.keys() & STATE, key=names.__getitem__)

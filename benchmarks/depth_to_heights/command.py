@@ -31,7 +31,7 @@ from saltus.cli.heightmap_measures import COLUMNS
 from saltus.cli.output import table_lines
 from saltus.errors import ConfigError, nearest_hint
 from saltus.flags import Flag, shown
-from saltus.heightmap.evaluation.held_out import Prediction
+from saltus.heightmap.evaluation.held_out import HeldOutPrediction
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
@@ -154,7 +154,7 @@ class Score(_Part):
 
     def _predicted(
         self, split: StoredSplit, names: tuple[str, ...], models: Mapping[str, Path]
-    ) -> list[tuple[str, list[Prediction]]]:
+    ) -> list[tuple[str, list[HeldOutPrediction]]]:
         """Predictions of baselines and models, run by run."""
         wanted = list(dict.fromkeys((*names, *models)))
         tasks = [(name, models.get(name), run) for name in wanted for run in range(split.runs)]

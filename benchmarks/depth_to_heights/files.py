@@ -30,8 +30,8 @@ from saltus.errors import SaltusError
 from saltus.files import whole_folder
 from saltus.folders import ask_for_room
 from saltus.grid import LINE
-from saltus.heightmap.data.columns import columns_of, nested
-from saltus.heightmap.evaluation.held_out import Prediction
+from saltus.heightmap.data.export_columns import columns_of, nested
+from saltus.heightmap.evaluation.held_out import HeldOutPrediction
 from saltus.provenance import commit
 
 INPUTS, TRUTH, SPLIT = "inputs.parquet", "truth.parquet", "split.json"
@@ -177,7 +177,7 @@ def read_inputs(split: StoredSplit, run: int) -> Inputs:
     )
 
 
-def write_predictions(path: Path, predictions: Sequence[Prediction]) -> None:
+def write_predictions(path: Path, predictions: Sequence[HeldOutPrediction]) -> None:
     """Writes what `read_predictions` reads, run by run."""
     with pq.ParquetWriter(path, _PREDICTIONS, compression="zstd") as file:
         for run, said in enumerate(predictions):
@@ -189,7 +189,7 @@ def write_predictions(path: Path, predictions: Sequence[Prediction]) -> None:
             )
 
 
-def read_predictions(path: Path, steps: Sequence[int]) -> list[Prediction]:
+def read_predictions(path: Path, steps: Sequence[int]) -> list[HeldOutPrediction]:
     """Predictions of all runs, each of so many steps; their rows may come in any order.
 
     Raises:
@@ -214,7 +214,9 @@ def read_predictions(path: Path, steps: Sequence[int]) -> list[Prediction]:
             )
     ends = np.cumsum(steps)
     return [
-        Prediction(height=height[end - count : end], half_width_90=half_width[end - count : end])
+        HeldOutPrediction(
+            height=height[end - count : end], half_width_90=half_width[end - count : end]
+        )
         for count, end in zip(steps, ends, strict=True)
     ]
 

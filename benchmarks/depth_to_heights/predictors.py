@@ -15,7 +15,7 @@ from saltus.depth_camera import load_camera
 from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.heightmap.evaluation.comparison import BASELINES as GEOMETRIC
 from saltus.heightmap.evaluation.geometric import GeometricHeightmap
-from saltus.heightmap.evaluation.held_out import Prediction, step_ns
+from saltus.heightmap.evaluation.held_out import HeldOutPrediction, step_ns
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.quantiles import UNKNOWN_HALF_WIDTH_M
 from saltus.heightmap.service.replay import Predictor, replay_predictor
@@ -23,7 +23,7 @@ from saltus.heightmap.service.service import HeightmapService
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import DEFAULT_ROBOT
-from saltus.states import RobotStates, state_message
+from saltus.states import ProprioceptionArrays, state_message
 from saltus.wire.messages import ControllerMode, DepthFrame, Heightmap, HeightmapStatus, RobotState
 
 
@@ -58,7 +58,7 @@ robot's own odometry; the same, moved to the standing feet."""
 NETWORK = "network"
 
 
-def predict_run(split: StoredSplit, task: tuple[str, Path | None, int]) -> Prediction:
+def predict_run(split: StoredSplit, task: tuple[str, Path | None, int]) -> HeldOutPrediction:
     """Prediction of a baseline, or of a model's service, in one run.
 
     The name and the run are of the task.
@@ -73,7 +73,7 @@ def predict_run(split: StoredSplit, task: tuple[str, Path | None, int]) -> Predi
     return predict(made, read_inputs(split, run))
 
 
-def predict(predictor: Predictor, inputs: Inputs) -> Prediction:
+def predict(predictor: Predictor, inputs: Inputs) -> HeldOutPrediction:
     """Returns what a predictor that has not been used before says in one run."""
     steps = len(inputs.depth)
     taken = np.arange(steps) - np.rint(inputs.depth_age_s / POLICY_DT).astype(np.int64)
@@ -86,7 +86,7 @@ def predict(predictor: Predictor, inputs: Inputs) -> Prediction:
         for number, step in enumerate(new)
     ]
     maps = replay_predictor(predictor, frames, _states(inputs), [step_ns(step) for step in new])
-    return Prediction(
+    return HeldOutPrediction(
         height=np.array([said.height for said in maps], np.float64),
         half_width_90=np.array([said.half_width_90 for said in maps], np.float64),
     )
@@ -95,7 +95,7 @@ def predict(predictor: Predictor, inputs: Inputs) -> Prediction:
 def _states(inputs: Inputs) -> list[RobotState]:
     """Returns what the robot says of itself; what predictors are not given is 0."""
     steps = len(inputs.depth)
-    states = RobotStates(
+    states = ProprioceptionArrays(
         **inputs.robot, step=0, leg_progress=np.zeros((steps, 4)), cycle=np.zeros(steps, np.int64)
     )
     return [

@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.depth_to_heights.split import Truth
 from saltus.arrays import Floats
 from saltus.grid import HEIGHTMAP_X
-from saltus.heightmap.evaluation.held_out import Prediction
+from saltus.heightmap.evaluation.held_out import HeldOutPrediction
 from saltus.heightmap.evaluation.scores import FIGURES, mean_of, totals
 from saltus.loop.loop import STAND_STEPS
 
@@ -42,7 +42,9 @@ class ScoreRow:
         return {**self.figures, "interval90": self.interval90, "by_terrain": self.by_terrain}
 
 
-def row(predictor: str, truths: Sequence[Truth], predictions: Sequence[Prediction]) -> ScoreRow:
+def row(
+    predictor: str, truths: Sequence[Truth], predictions: Sequence[HeldOutPrediction]
+) -> ScoreRow:
     """Scores one predictor; steps count from the first that is not standing."""
     judged = np.array([_judged(*pair) for pair in zip(truths, predictions, strict=True)])
     kinds = np.array([truth.terrain for truth in truths])
@@ -60,11 +62,11 @@ def row(predictor: str, truths: Sequence[Truth], predictions: Sequence[Predictio
     )
 
 
-def _judged(truth: Truth, said: Prediction) -> Floats:
+def _judged(truth: Truth, said: HeldOutPrediction) -> Floats:
     """Totals of the steps that count in one run."""
     counted = slice(STAND_STEPS, None)
     width = np.maximum(said.half_width_90[counted], LEAST_HALF_WIDTH_M)
-    prediction = Prediction(height=said.height[counted], half_width_90=width)
+    prediction = HeldOutPrediction(height=said.height[counted], half_width_90=width)
     return totals(
         HEIGHTMAP_X, truth.height[counted].astype(np.float64), truth.view[counted], prediction
     )

@@ -22,12 +22,12 @@ from saltus.effects.profile import SHIPPED
 from saltus.errors import ConfigError
 from saltus.grid import LINE
 from saltus.heightmap.data.arriving_images import LateImages
-from saltus.heightmap.data.columns import NO_IMAGE_S
 from saltus.heightmap.data.delivery import TICK_S, TRAINING
+from saltus.heightmap.data.export_columns import NO_IMAGE_S
 from saltus.heightmap.data.robot_cameras import robot_cameras
 from saltus.heightmap.evaluation.held_out import course
 from saltus.heightmap.evaluation.visibility import visibility
-from saltus.heightmap.service.features import proprioception_of_states
+from saltus.heightmap.service.proprioception_vector import proprioception_of_states
 from saltus.loop.heights import true_heights
 from saltus.loop.loop import Loop
 from saltus.named_setup import named_setups
@@ -40,7 +40,7 @@ from saltus.robots.mount import Mount
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.setup import Setup
-from saltus.states import RobotStates
+from saltus.states import ProprioceptionArrays
 from saltus.terrain.curriculum import FAMILIES, make_terrain
 from saltus.trial import Trial
 from saltus.used_networks import model_id, model_path
@@ -66,7 +66,7 @@ OBSERVED = (
     "joint_velocity",
     "velocity_base_in_world", "base_height", "leg_contact", "leg_trusted",
 )  # fmt: skip
-"""Fields of `saltus.states.RobotStates` that predictors are given."""
+"""Fields of `saltus.states.ProprioceptionArrays` that predictors are given."""
 _DIGITS = 9  # of definitions: compilers may round the last bits of a draw in other ways
 
 
@@ -91,7 +91,7 @@ class Inputs:
     """Inputs of a predictor in one run, at each step of 10 ms from 0 on."""
 
     proprioception: Singles
-    """See `saltus.heightmap.service.features`, shape (n, 21)."""
+    """See `saltus.heightmap.service.proprioception_vector`, shape (n, 21)."""
     depth: NDArray[np.uint16]
     """The newest image that has arrived [mm], shape (n, 48, 16); 0 is invalid, 65535 nothing within
     range."""
@@ -220,7 +220,7 @@ def _cameras(setups: Sequence[Setup], batch: Sequence[RunPlan]) -> tuple[Eyes, L
 
 def _inputs(
     robot: Robot,
-    states: Sequence[RobotStates],
+    states: Sequence[ProprioceptionArrays],
     number: int,
     depth: NDArray[np.uint16],
     captured_s: Floats,

@@ -6,8 +6,8 @@ from functools import cache
 import numpy as np
 
 from saltus.constants import PHYSICS_DT
-from saltus.controller.loop import ControlLoop
-from saltus.controller.robot.unitree.faults import Faults, PlantedFault
+from saltus.controller.control_loop import ControlLoop
+from saltus.controller.robot.unitree.faults import PlantedFault, PlantedFaults
 from saltus.controller.robot.unitree.limits import STAGES, StageLimits
 from saltus.controller.robot.unitree.link import (
     ANSWERS,
@@ -15,13 +15,13 @@ from saltus.controller.robot.unitree.link import (
     REQUESTS,
     STATES,
     TRUTHS,
-    Arrived,
+    ArrivedMessage,
 )
-from saltus.controller.robot.unitree.listening import Check
+from saltus.controller.robot.unitree.listening import PreflightCheck
 from saltus.controller.robot.unitree.preflight import preflight
 from saltus.controller.robot.unitree.robot import UnitreeRobot
 from saltus.controller.robot.unitree.simulated import SimulatedUnitree
-from saltus.controller.tick import CompiledTick
+from saltus.controller.tick import CompiledTickLaw
 from saltus.effects.profile import load_profile
 from saltus.grid import DEFAULT_GRID, load_grid
 from saltus.policy.level_run import LevelRun
@@ -36,9 +36,9 @@ GRID = load_grid(DEFAULT_GRID)
 
 
 @cache
-def tick() -> CompiledTick:
+def tick() -> CompiledTickLaw:
     """The leg law, compiled once."""
-    return CompiledTick(ROBOT)
+    return CompiledTickLaw(ROBOT)
 
 
 def simulated(*faults: str, seed: int = 0, held: bool = False) -> SimulatedUnitree:
@@ -46,7 +46,7 @@ def simulated(*faults: str, seed: int = 0, held: bool = False) -> SimulatedUnitr
     profile = Trial.draw(seed).applied_to(load_profile("shipped", ROBOT))
     plant = Plant(ROBOT, flat.make(), chain=profile.actuator_chain, held=held)
     return SimulatedUnitree(
-        plant, Faults([PlantedFault.parse(each) for each in faults], seed), seed
+        plant, PlantedFaults([PlantedFault.parse(each) for each in faults], seed), seed
     )
 
 
@@ -58,7 +58,7 @@ class Wire:
     def __init__(self, robot: SimulatedUnitree, strangers: Sequence[str] = ()) -> None:
         self.robot, self.strangers = robot, tuple(strangers)
         self.sent: list[bytes] = []
-        self._come: dict[str, list[Arrived]] = {STATES: [], TRUTHS: [], ANSWERS: []}
+        self._come: dict[str, list[ArrivedMessage]] = {STATES: [], TRUTHS: [], ANSWERS: []}
 
     def elapsed_s(self) -> float:
         """Time of the robot, as its clock [s]."""
@@ -68,18 +68,20 @@ class Wire:
         """Advances the robot by 2 ms."""
         said = {STATES: self.robot.step(), TRUTHS: [self.robot.truth()]}
         for topic, payloads in said.items():
-            self._come[topic] += [Arrived(payload, 0, 0) for payload in payloads]
+            self._come[topic] += [ArrivedMessage(payload, 0, 0) for payload in payloads]
 
     def send(self, topic: str, payload: bytes) -> None:
         """As of `UnitreeLink`, at once."""
         if topic == REQUESTS:
-            self._come[ANSWERS] += [Arrived(each, 0, 0) for each in self.robot.answer(payload)]
+            self._come[ANSWERS] += [
+                ArrivedMessage(each, 0, 0) for each in self.robot.answer(payload)
+            ]
             return
         assert topic == COMMANDS
         self.sent.append(payload)
         self.robot.hear(payload)
 
-    def take(self, topic: str) -> list[Arrived]:
+    def take(self, topic: str) -> list[ArrivedMessage]:
         """As of `UnitreeLink`."""
         come, self._come[topic] = self._come[topic], []
         return come
@@ -136,7 +138,7 @@ class Bounding:
             self.wire.tick()
 
 
-def checks(wire: Wire, *, stands: bool = False) -> list[Check]:
+def checks(wire: Wire, *, stands: bool = False) -> list[PreflightCheck]:
     """A preflight over a wire."""
 
     def wait() -> float:

@@ -8,16 +8,16 @@ import numpy as np
 from saltus.arrays import Floats
 from saltus.grid import HeightGrid
 from saltus.joint_command import JointCommand
-from saltus.states import Measurement
+from saltus.states import SensorReadings
 from saltus.terrain.terrain import Terrain
 from saltus.wire.messages import GroundTruth
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Reading:
+class RobotReading:
     """Measurements of a robot at one instant."""
 
-    measurement: Measurement
+    measurement: SensorReadings
     joint_torque: Floats
     """Torque that the drives believe they apply [Nm], shape (12,)."""
 
@@ -37,7 +37,7 @@ class RobotBackend(ABC):
         """Connects, or puts the simulated robot where its trial starts."""
 
     @abstractmethod
-    def read(self) -> Reading:
+    def read(self) -> RobotReading:
         """The newest measurement; never waits for a new one."""
 
     @abstractmethod

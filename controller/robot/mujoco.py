@@ -3,11 +3,11 @@
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.controller.robot.backend import CourseRobot, Reading, true_heights
+from saltus.controller.robot.backend import CourseRobot, RobotReading, true_heights
 from saltus.joint_command import JointCommand
 from saltus.setup import Setup
 from saltus.sim.plant import Plant
-from saltus.sim.state import PlantState
+from saltus.sim.plant_state import PlantState
 from saltus.wire.messages import GroundTruth
 
 
@@ -42,9 +42,11 @@ class MujocoRobot(CourseRobot):
         self._plant.reset(position_x=self._trial.position_x, yaw=self._trial.yaw)
         self._trunk_contact = False
 
-    def read(self) -> Reading:
+    def read(self) -> RobotReading:
         """The sensors, without noise: their errors are effects."""
-        return Reading(measurement=self._plant.sensed, joint_torque=self._plant.state.joint_torque)
+        return RobotReading(
+            measurement=self._plant.sensed, joint_torque=self._plant.state.joint_torque
+        )
 
     def write(self, command: JointCommand) -> None:
         """Advances by 2 ms."""

@@ -14,16 +14,16 @@ from saltus.config import TerrainConfig
 from saltus.controller.compensation import compensation_of
 from saltus.depth import MODEL_CAMERA
 from saltus.effects.camera import drawn_around
-from saltus.effects.order import chosen_of
 from saltus.effects.profile import SHIPPED
+from saltus.effects.signal_chain import chosen_of
 from saltus.grid import HeightGrid
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.episode import Episode, runs
 from saltus.heightmap.data.predicted import PredictedHeights
 from saltus.heightmap.data.randomisation import RHYTHM, SPEED, random_mount, varied
-from saltus.heightmap.data.rollouts import Trajectory, filmed
-from saltus.heightmap.service.features import proprioception_of_states
+from saltus.heightmap.data.rollouts import RobotTrajectory, filmed
 from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.service.proprioception_vector import proprioception_of_states
 from saltus.heightmap.settings import ClosedLoop
 from saltus.loop.loop import Loop, Moment
 from saltus.loop.planner import Observation
@@ -36,9 +36,9 @@ from saltus.render.eyes import SAMPLED
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.setup import Setup
-from saltus.terrain.batch import DITCH_M
+from saltus.terrain.course_batch import DITCH_M
+from saltus.terrain.course_law import PAPER
 from saltus.terrain.curriculum import FAMILIES, make_terrain
-from saltus.terrain.law import PAPER
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
 from saltus.workers import tell
@@ -170,7 +170,7 @@ def random_course(rng: np.random.Generator, hardest: float, kind: str) -> Terrai
 
 def _cut(
     moments: Sequence[Moment], terrains: Sequence[Terrain], legs: LegKinematics
-) -> Iterator[Trajectory]:
+) -> Iterator[RobotTrajectory]:
     """The runs of each robot from one start to the next; those that are too short are left out."""
     starts = np.array([moment.fresh for moment in moments])  # (ticks, robots)
     position = np.array([moment.truth.position_base_in_world for moment in moments])
@@ -179,7 +179,7 @@ def _cut(
     features = np.array([proprioception_of_states(moment.states, legs) for moment in moments])
     for robot, terrain in enumerate(terrains):
         for run in runs(starts[:, robot]):
-            yield Trajectory(
+            yield RobotTrajectory(
                 terrain=terrain,
                 position_base_in_world=position[run, robot],
                 quaternion_base_in_world=quaternion[run, robot],

@@ -12,7 +12,7 @@ from saltus.heightmap.data.shards import ShardRecord, open_shard, uninterrupted
 
 
 @dataclass(frozen=True, kw_only=True)
-class Collection:
+class CollectionResult:
     """A collection that was made."""
 
     records: list[ShardRecord]
@@ -28,7 +28,7 @@ def collect_batches(
     *,
     seed: int,
     code: str | None = None,
-) -> Collection:
+) -> CollectionResult:
     """Adds a shard to each of some datasets.
 
     Where it is interrupted, of the batches that are whole by then.
@@ -59,4 +59,4 @@ def collect_batches(
             if not shards[0].ticks:
                 raise
             whole = False
-    return Collection(records=[shard.record for shard in shards], whole=whole)
+    return CollectionResult(records=[shard.record for shard in shards], whole=whole)

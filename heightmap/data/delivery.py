@@ -23,7 +23,7 @@ FRAME_TICKS = 2  # camera at 50 Hz
 
 
 @dataclass(frozen=True, kw_only=True)
-class DeliveryModel:
+class ImageDeliveryModel:
     """How images travel; the defaults are those of a run without faults.
 
     Latencies are those of a nominal camera: around another one's they move by the difference, as in
@@ -77,17 +77,17 @@ def hardware_table(profile: str, robot: str, camera: DepthCamera) -> dict[str, o
 # Original: 30 to 60 ms between exposure and use; measured of a D435 at 424x240 48 to 62 ms at 60
 # Hz, 91 ms at 30 Hz (librealsense 4955), and a busy computer adds to that. The service forgets
 # after a gap of more than 5 images.
-TRAINING = DeliveryModel(latency_s=(0.030, 0.110), jitter_s=0.008, loss=0.08, burst=0.3)
-DELIVERIES: dict[DeliveryName, DeliveryModel] = {
+TRAINING = ImageDeliveryModel(latency_s=(0.030, 0.110), jitter_s=0.008, loss=0.08, burst=0.3)
+DELIVERIES: dict[DeliveryName, ImageDeliveryModel] = {
     "training": TRAINING,
-    "nominal": DeliveryModel(),
-    "at-once": DeliveryModel(latency_s=(0.0, 0.0)),
+    "nominal": ImageDeliveryModel(),
+    "at-once": ImageDeliveryModel(latency_s=(0.0, 0.0)),
 }
 """Deliveries that a network can be trained with; all but the first are for comparison: no robot has
 such a camera."""
 
 
-class Delivery(NamedTuple):
+class DeliveredImages(NamedTuple):
     """Delivered images of each episode at each tick of the longest.
 
     Each of shape (episodes, ticks).
@@ -101,8 +101,8 @@ class Delivery(NamedTuple):
 
 
 def deliver(
-    episodes: Sequence[Episode], model: DeliveryModel, rng: np.random.Generator
-) -> Delivery:
+    episodes: Sequence[Episode], model: ImageDeliveryModel, rng: np.random.Generator
+) -> DeliveredImages:
     """Draws how the images of each episode travel, around the latency of its camera."""
     count, ticks = len(episodes), np.array([[len(episode.height)] for episode in episodes])
     taken_tick = np.full((count, max(len(episode.frame_tick) for episode in episodes)), np.inf)
@@ -123,4 +123,6 @@ def deliver(
     np.maximum.at(newest, (row, arrival_tick[row, frame].astype(np.int64)), frame)
     newest = np.maximum.accumulate(newest, 1)
     age_s = (now - np.take_along_axis(taken_tick, np.maximum(newest, 0), 1)) * TICK_S
-    return Delivery(newest, np.where(newest >= 0, age_s, np.inf), np.diff(newest, prepend=-1) != 0)
+    return DeliveredImages(
+        newest, np.where(newest >= 0, age_s, np.inf), np.diff(newest, prepend=-1) != 0
+    )

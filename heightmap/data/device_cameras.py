@@ -15,17 +15,17 @@ from saltus.effects.profile import Profile
 from saltus.effects.signals import DepthImage
 from saltus.errors import ConfigError
 from saltus.heightmap.data.arriving_images import LateImages
-from saltus.heightmap.data.delivery import DeliveryModel
+from saltus.heightmap.data.delivery import ImageDeliveryModel
 from saltus.heightmap.data.randomisation import random_mount
 from saltus.render.camera import RobotCamera
 from saltus.render.eyes import SAMPLED, Eyes
 from saltus.render.randomisation import drawn_cameras
 from saltus.render.stereo.camera import StereoCamera, StereoConfig
-from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.optics import StereoOptics
 from saltus.render.stereo_torch import KorniaWindows
 from saltus.render.warp import WarpCaster, as_tensor
 from saltus.robots.robot import Robot
-from saltus.terrain.batch import Courses
+from saltus.terrain.course_batch import CourseBatch
 
 
 class DeviceCameras:
@@ -42,7 +42,7 @@ class DeviceCameras:
     def __init__(
         self,
         robot: Robot,
-        courses: Courses,
+        courses: CourseBatch,
         cameras: Mapping[str, DepthCamera],
         profile: Profile,
         device: str,
@@ -66,7 +66,7 @@ class DeviceCameras:
                 RobotCamera.on(self._robot, MODEL_CAMERA if kind.ideal else SAMPLED).moved(
                     self._view
                 ),
-                Optics.behind(SAMPLED, kind),
+                StereoOptics.behind(SAMPLED, kind),
                 device,
             )
             for name, kind in cameras.items()
@@ -100,7 +100,7 @@ class DeviceCameras:
         }
 
     def expose(
-        self, courses: Courses, qpos: Tensor, tick: int, fresh: Tensor
+        self, courses: CourseBatch, qpos: Tensor, tick: int, fresh: Tensor
     ) -> dict[str, DepthImage]:
         """Takes an image of each kind where it is the time.
 
@@ -125,27 +125,29 @@ class DeviceCameras:
 class _WarpBatch:
     """See `saltus.render.eyes.BatchRenderer`; robots are where courses and `qpos` say."""
 
-    def __init__(self, courses: Courses, camera: RobotCamera, optics: Optics, device: str) -> None:
+    def __init__(
+        self, courses: CourseBatch, camera: RobotCamera, optics: StereoOptics, device: str
+    ) -> None:
         self.caster, self.optics = WarpCaster(courses.boxes(), camera, device=device), optics
 
-    def depth(self, truth: tuple[Courses, Tensor]) -> Tensor:
+    def depth(self, truth: tuple[CourseBatch, Tensor]) -> Tensor:
         depth: Tensor = as_tensor(self.caster.cast(*self._poses(*truth)))
         return depth
 
-    def pair(self, truth: tuple[Courses, Tensor]) -> tuple[Tensor, Tensor]:
+    def pair(self, truth: tuple[CourseBatch, Tensor]) -> tuple[Tensor, Tensor]:
         depth, hidden = self.caster.cast_pair(
             *self._poses(*truth), baseline_m=self.optics.baseline_m
         )
         return as_tensor(depth), as_tensor(hidden)
 
-    def _poses(self, courses: Courses, qpos: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def _poses(self, courses: CourseBatch, qpos: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         self.caster.set_boxes(courses.boxes())
         return qpos[:, :3], qpos[:, 3:7], qpos[:, 7:]
 
 
 def late_images(
     count: int,
-    delivery: DeliveryModel,
+    delivery: ImageDeliveryModel,
     latency: CameraLatency,
     rng: np.random.Generator,
     device: torch.device | str,

@@ -16,9 +16,9 @@ from saltus.depth_camera import DepthCamera
 from saltus.effects.signals import DepthImage
 from saltus.heightmap.data.delivery import TICK_S
 from saltus.heightmap.data.episode import Episode, runs
-from saltus.heightmap.service.features import PROPRIOCEPTION
+from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 from saltus.policy.bounds import ACTIONS
-from saltus.policy.features import PROPRIOCEPTION_SIZE
+from saltus.policy.policy_features import PROPRIOCEPTION_SIZE
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

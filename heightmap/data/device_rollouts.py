@@ -26,23 +26,23 @@ from saltus.heightmap.data.device_cameras import DeviceCameras, late_images
 from saltus.heightmap.data.device_recording import DeviceRecording, RecordedBatch
 from saltus.heightmap.data.randomisation import RHYTHM, SPEED, varied
 from saltus.heightmap.model import HeightmapModel
-from saltus.heightmap.service.features import proprioception_of_states
+from saltus.heightmap.service.proprioception_vector import proprioception_of_states
 from saltus.heightmap.service.sight import Sight
 from saltus.heightmap.settings import DeviceLoop
 from saltus.loop.heights import true_heights
 from saltus.loop.loop import STAND_STEPS
 from saltus.policy.bounds import values_of
 from saltus.policy.env.curriculum import CurriculumSettings
-from saltus.policy.env.env import JumpEnv
+from saltus.policy.env.jump_env import JumpEnv
 from saltus.policy.env.randomisation import RandomisationSettings
-from saltus.policy.env.settings import TrainSettings
-from saltus.policy.features import PROPRIOCEPTION_SIZE, read
+from saltus.policy.env.settings import JumpTrainSettings
+from saltus.policy.policy_features import PROPRIOCEPTION_SIZE, read
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.policy.training.export import DeployedPolicy
 from saltus.policy.training.train import make_engine
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
-from saltus.terrain.law import KINDS
+from saltus.terrain.course_law import KINDS
 
 
 class DeviceRollouts:
@@ -67,7 +67,7 @@ class DeviceRollouts:
         self._device = torch.device(device)
         self._rng = np.random.default_rng(seed)
         self._generator = torch.Generator(self._device).manual_seed(int(self._rng.integers(2**62)))
-        config = from_toml(TrainSettings, policy["config"]).env
+        config = from_toml(JumpTrainSettings, policy["config"]).env
         self.profile = profile or config.profile
         """Profile of all robots."""
         config = replace(

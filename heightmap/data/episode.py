@@ -23,7 +23,7 @@ class Episode:
 
     terrain: str
     proprioception: Singles
-    """See `saltus.heightmap.service.features`, shape (ticks, n)."""
+    """See `saltus.heightmap.service.proprioception_vector`, shape (ticks, n)."""
     height: Singles
     """True heights relative to the base [m], shape (ticks, 30)."""
     depth: NDArray[np.uint16]
@@ -31,8 +31,8 @@ class Episode:
     frame_tick: NDArray[np.int32]
     """Tick at which each image was taken, ascending, shape (frames,)."""
     state: Singles | None = None
-    """Inputs of the policy besides heights, see `saltus.policy.features`, shape (ticks, n); in few
-    datasets."""
+    """Inputs of the policy besides heights, see `saltus.policy.policy_features`, shape (ticks, n);
+    in few datasets."""
     plan: Singles | None = None
     """Plan of the policy on true heights, as `ActionBounds` normalises it, shape (ticks, 10); where
     `state` is."""

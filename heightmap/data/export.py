@@ -19,8 +19,8 @@ import pyarrow.parquet as pq
 from saltus.arrays import AnyArray
 from saltus.constants import POLICY_DT
 from saltus.files import whole_folder
-from saltus.heightmap.data.columns import NO_IMAGE_S, Column, columns_of, nested
 from saltus.heightmap.data.episode import Episode
+from saltus.heightmap.data.export_columns import NO_IMAGE_S, ExportColumn, columns_of, nested
 from saltus.heightmap.data.shards import (
     DatasetError,
     ShardRecord,
@@ -166,7 +166,7 @@ class _Statistics:
 def _write_meta(
     made: Path,
     robot: str,
-    columns: Sequence[Column],
+    columns: Sequence[ExportColumn],
     rows: list[EpisodeRow],
     terrains: dict[str, int],
     statistics: dict[str, _Statistics],

@@ -17,15 +17,15 @@ from saltus.grid import HeightGrid
 from saltus.heightmap.data.robot_cameras import robot_cameras
 from saltus.heightmap.data.scan_heights import ScanHeights
 from saltus.heightmap.scan.predictor import ScanNetwork, is_scan
-from saltus.heightmap.service.features import proprioception_of_states
 from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.service.proprioception_vector import proprioception_of_states
 from saltus.heightmap.service.sight import Network, Sight
 from saltus.render.stereo.camera import StereoConfig
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.setup import Setup
-from saltus.sim.state import PlantState
-from saltus.states import RobotStates
+from saltus.sim.plant_state import PlantState
+from saltus.states import ProprioceptionArrays
 from saltus.used_networks import model_path
 
 
@@ -112,7 +112,9 @@ class PredictedHeights:
         """The images given out at this step [mm], shape (n, 48, 16); None where it was not the
         time."""
 
-    def heights(self, states: RobotStates, truth: PlantState, fresh: NDArray[np.bool_]) -> Floats:
+    def heights(
+        self, states: ProprioceptionArrays, truth: PlantState, fresh: NDArray[np.bool_]
+    ) -> Floats:
         """One tick of all services; shape (n, points)."""
         self.given = self._eyes.expose(truth, states.step, fresh)
         arrived = self._images.step(self.given, states.time_s, fresh)
@@ -122,7 +124,7 @@ class PredictedHeights:
             np.float64,
         )
 
-    def _features(self, states: RobotStates) -> Singles:
+    def _features(self, states: ProprioceptionArrays) -> Singles:
         """Inputs of the network about the robots besides their images, shape (n, some)."""
         vectors: Singles = proprioception_of_states(states, self._network.legs)
         return vectors

@@ -18,10 +18,10 @@ from saltus.render.camera import RobotCamera
 from saltus.render.eyes import SAMPLED, Eyes
 from saltus.render.process import random_stream
 from saltus.render.stereo.camera import StereoCamera, StereoConfig, StereoState
-from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.optics import StereoOptics
 from saltus.render.stereo_embree import StereoEmbree
 from saltus.setup import Setup
-from saltus.sim.state import PlantState
+from saltus.sim.plant_state import PlantState
 from saltus.terrain.terrain import Terrain
 
 
@@ -60,7 +60,7 @@ def robot_cameras(
     claimed = sampled(camera)
     view, optics = (
         RobotCamera.on(robot, claimed).moved(profile.view_chain),
-        Optics.behind(claimed, camera),
+        StereoOptics.behind(claimed, camera),
     )
     stereo: StereoCamera | None = None
     state: StereoState = ()
@@ -83,7 +83,9 @@ class _EmbreeBatch:
     images of robots on the same terrain are rendered together.
     """
 
-    def __init__(self, terrains: Sequence[Terrain], optics: Optics, view: RobotCamera) -> None:
+    def __init__(
+        self, terrains: Sequence[Terrain], optics: StereoOptics, view: RobotCamera
+    ) -> None:
         robots: dict[int, list[int]] = {}
         for i, terrain in enumerate(terrains):
             robots.setdefault(id(terrain), []).append(i)

@@ -25,7 +25,7 @@ from saltus.render.camera import RobotCamera
 from saltus.render.eyes import SAMPLED, Eyes
 from saltus.render.randomisation import drawn_cameras
 from saltus.render.stereo.camera import StereoCamera, StereoConfig, StereoState
-from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.optics import StereoOptics
 from saltus.terrain.terrain import Terrain
 
 CHUNK = 64
@@ -33,7 +33,7 @@ CHUNK = 64
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Trajectory:
+class RobotTrajectory:
     """One robot's motion on one terrain, one row per tick of 10 ms:
     the truth, and proprioception.
     """
@@ -46,11 +46,12 @@ class Trajectory:
     joint_position: Floats
     """[rad], shape (ticks, 12)."""
     proprioception: Floats
-    """From the robot's own estimates, see `saltus.heightmap.service.features`, shape (ticks, n)."""
+    """From the robot's own estimates, see `saltus.heightmap.service.proprioception_vector`, shape
+    (ticks, n)."""
 
 
 def filmed(
-    trajectories: Sequence[Trajectory],
+    trajectories: Sequence[RobotTrajectory],
     views: Sequence[RobotCamera],
     camera: DepthCamera,
     profile: Profile,
@@ -104,7 +105,7 @@ def _drawn_stereo(
     if camera.ideal:
         return None, ()
     stereo = StereoCamera(
-        drawn_cameras(count, rng, StereoConfig.of(camera)), Optics.behind(SAMPLED, camera)
+        drawn_cameras(count, rng, StereoConfig.of(camera)), StereoOptics.behind(SAMPLED, camera)
     )
     return stereo, stereo.init((count,), rng)
 
@@ -117,7 +118,7 @@ class _Recorded:
 
     def __init__(
         self,
-        trajectories: Sequence[Trajectory],
+        trajectories: Sequence[RobotTrajectory],
         views: Sequence[RobotCamera],
         camera: DepthCamera,
         renderer: str,
@@ -127,7 +128,7 @@ class _Recorded:
         """True depth, and for a camera with errors what its second imager does not see, at each
         image."""
         for each, rows, view in zip(trajectories, self._ticks, views, strict=True):
-            optics = Optics.behind(view.intrinsics if camera.ideal else SAMPLED, camera)
+            optics = StereoOptics.behind(view.intrinsics if camera.ideal else SAMPLED, camera)
             # One thread: other processes have the other cores
             pair = make_stereo(renderer, each.terrain, optics, view)
             poses = (

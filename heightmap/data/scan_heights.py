@@ -21,8 +21,8 @@ from saltus.heightmap.service.scan_fleet import ScanChoice
 from saltus.render.stereo.camera import StereoConfig
 from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled
 from saltus.setup import Setup
-from saltus.sim.state import PlantState
-from saltus.states import RobotStates, state_message
+from saltus.sim.plant_state import PlantState
+from saltus.states import ProprioceptionArrays, state_message
 from saltus.wire.messages import ControllerMode, DepthFrame, Heightmap, RobotState
 
 _NS = 1_000_000_000
@@ -67,14 +67,16 @@ class ScanHeights:
         """The images given out at this step [mm], shape (n, 48, 16); None where it was not the
         time."""
 
-    def heights(self, states: RobotStates, truth: PlantState, fresh: NDArray[np.bool_]) -> Floats:
+    def heights(
+        self, states: ProprioceptionArrays, truth: PlantState, fresh: NDArray[np.bool_]
+    ) -> Floats:
         """One step of all services; shape (n, points)."""
         answers = self.answers(states, truth, fresh)
         self._half_width = np.array([each.half_width_90 for each in answers], np.float64)
         return np.array([each.height for each in answers], np.float64)
 
     def answers(
-        self, states: RobotStates, truth: PlantState, fresh: NDArray[np.bool_]
+        self, states: ProprioceptionArrays, truth: PlantState, fresh: NDArray[np.bool_]
     ) -> list[Heightmap]:
         """One step of all services: each robot's message.
 
@@ -139,9 +141,9 @@ class ScanHeightSource:
     def __call__(self, state: RobotState, truth: PlantState) -> Heightmap:
         """The message that answers a state; to be asked for at every policy step."""
         known: dict[str, Any] = {
-            f.name: np.asarray(getattr(state, f.name))[None] for f in fields(RobotStates)
+            f.name: np.asarray(getattr(state, f.name))[None] for f in fields(ProprioceptionArrays)
         }
-        states = RobotStates(**known | {"step": state.step})
+        states = ProprioceptionArrays(**known | {"step": state.step})
         place = PlantState(**{name: np.asarray(value)[None] for name, value in vars(truth).items()})
         fresh, self._fresh = self._fresh, np.zeros(1, np.bool_)
         (answer,) = self._service.answers(states, place, fresh)

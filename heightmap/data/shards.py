@@ -28,7 +28,7 @@ from saltus.files import atomic_write, write_whole
 from saltus.grid import HeightGrid, grid_metadata, load_grid
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shard_columns import ShardColumn, check_own, read_column
-from saltus.heightmap.service.features import PROPRIOCEPTION
+from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 from saltus.provenance import commit
 
 MANIFEST = "manifest.json"

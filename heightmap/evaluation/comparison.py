@@ -62,7 +62,7 @@ class ComparedRun:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Comparison:
+class HeightComparison:
     """One predictor on one run.
 
     N steps in which every predictor that is compared had a heightmap of status OK.
@@ -172,7 +172,7 @@ def predictor_named(name: str, robot: Robot, grid: HeightGrid) -> Predictor:
     return HeightmapService(HeightmapNetwork(robot, Path(name), grid))
 
 
-def compare(run: ComparedRun, models: Sequence[str] = ()) -> list[Comparison]:
+def compare(run: ComparedRun, models: Sequence[str] = ()) -> list[HeightComparison]:
     """Compares the heightmaps of a recording, and those of models on its depth,
     with what is true or was seen later.
 
@@ -212,7 +212,7 @@ def compare(run: ComparedRun, models: Sequence[str] = ()) -> list[Comparison]:
 
 def _comparison(
     run: ComparedRun, name: str, maps: list[Heightmap], poses: _Poses, ok_share: float
-) -> Comparison:
+) -> HeightComparison:
     states = [run.states[heightmap.step] for heightmap in maps]
     time_ns = np.array([state.time_ns for state in states], np.int64)
     age_s = np.array([heightmap.depth_age_s for heightmap in maps])
@@ -229,7 +229,7 @@ def _comparison(
         place = _places(run.grid, position, yaw, height)
         true_height = _seen_later(run.grid, mount, time_ns, position, yaw, captured, height)
     phases = [_phase(state) for state in states]
-    return Comparison(
+    return HeightComparison(
         run=run.name,
         terrain=run.terrain,
         predictor=name,

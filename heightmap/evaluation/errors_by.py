@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
-from saltus.heightmap.evaluation.comparison import PHASES, Comparison
+from saltus.heightmap.evaluation.comparison import PHASES, HeightComparison
 from saltus.heightmap.service.quantiles import half_width, negative_log_likelihood
 
 PROGRESS_BINS = 5
@@ -58,10 +58,10 @@ class IntervalFit:
         return float(self.coverage[LEVELS.index(0.9)])
 
 
-class Errors:
+class GroupedErrors:
     """The points of several comparisons of one predictor, with what they can be grouped by."""
 
-    def __init__(self, comparisons: Sequence[Comparison]) -> None:
+    def __init__(self, comparisons: Sequence[HeightComparison]) -> None:
         self._ahead_m = comparisons[0].x
         points = len(self._ahead_m)
         error = np.concatenate([c.error for c in comparisons])

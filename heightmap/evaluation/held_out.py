@@ -39,8 +39,8 @@ from saltus.render.stereo.camera import StereoConfig
 from saltus.robots.mount import Mount
 from saltus.setup import Setup
 from saltus.states import state_message
+from saltus.terrain.course_law import PAPER
 from saltus.terrain.curriculum import make_terrain
-from saltus.terrain.law import PAPER
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
 from saltus.wire.messages import ControllerMode, Heightmap
@@ -175,7 +175,7 @@ def _source(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Prediction:
+class HeldOutPrediction:
     """Prediction of one predictor in one run, at each step that counts."""
 
     height: Floats
@@ -197,7 +197,7 @@ class HeldOutRun:
     """[m], shape (n, 30)."""
     view: NDArray[np.int8]
     """See `saltus.heightmap.evaluation.visibility`, shape (n, 30)."""
-    predictions: dict[str, Prediction]
+    predictions: dict[str, HeldOutPrediction]
     way: DistanceTravelled
     status: NDArray[np.int8] | None = None
     """Status that the heightmap service gives the network's heights, a `HeightmapStatus` each,
@@ -205,7 +205,7 @@ class HeldOutRun:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Tick(Prediction):
+class _Tick(HeldOutPrediction):
     """Inputs and answers of the services of all robots at one step, shape (robots, 30)."""
 
     moment: Moment
@@ -290,10 +290,10 @@ def _replayed(predictor: Predictor, ticks: Sequence[_Tick], robot: int) -> list[
     )
 
 
-def _prediction(height: Sequence[Reals], half_width_90: Sequence[Reals]) -> Prediction:
+def _prediction(height: Sequence[Reals], half_width_90: Sequence[Reals]) -> HeldOutPrediction:
     """The prediction of the steps that count, by what was said at every step."""
     said = np.array([height, half_width_90], np.float64)[:, STAND_STEPS:]
-    return Prediction(height=said[0], half_width_90=said[1])
+    return HeldOutPrediction(height=said[0], half_width_90=said[1])
 
 
 def step_ns(step: int) -> int:

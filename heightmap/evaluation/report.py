@@ -12,9 +12,9 @@ import plotly.graph_objects as go
 
 from saltus.errors import RecordingError
 from saltus.heightmap.evaluation import report_figures as figures
-from saltus.heightmap.evaluation.comparison import ComparedRun, Comparison, compare, read_run
-from saltus.heightmap.evaluation.edges import EdgeErrors, edge_errors
-from saltus.heightmap.evaluation.errors_by import REMEMBERED, VISIBLE, Errors
+from saltus.heightmap.evaluation.comparison import ComparedRun, HeightComparison, compare, read_run
+from saltus.heightmap.evaluation.errors_by import REMEMBERED, VISIBLE, GroupedErrors
+from saltus.heightmap.evaluation.height_edges import EdgeErrors, edge_errors
 from saltus.recordings.recording import Recording
 from saltus.recordings.summary import rounded
 from saltus.reports.page import render, write_page
@@ -23,11 +23,11 @@ WORST = 10
 WORST_M = 0.01  # of mean error: a moment that is off by less is not bad
 APART_S = 0.3  # about one gait cycle: worst moments nearer than this to each other are the same one
 _SECTIONS = (
-    ("phase", "By gait phase", Errors.by_phase, "scheduled contact, and how far it is"),
-    ("speed_mps", "By speed", Errors.by_speed, "speed as estimated [m/s]"),
-    ("age_ms", "By age of the image", Errors.by_age, "age of the image in use [ms]"),
-    ("terrain", "By terrain", Errors.by_terrain, "terrain"),
-    ("view", "In view or remembered", Errors.by_view, "when the image in use was taken"),
+    ("phase", "By gait phase", GroupedErrors.by_phase, "scheduled contact, and how far it is"),
+    ("speed_mps", "By speed", GroupedErrors.by_speed, "speed as estimated [m/s]"),
+    ("age_ms", "By age of the image", GroupedErrors.by_age, "age of the image in use [ms]"),
+    ("terrain", "By terrain", GroupedErrors.by_terrain, "terrain"),
+    ("view", "In view or remembered", GroupedErrors.by_view, "when the image in use was taken"),
 )
 
 
@@ -36,7 +36,7 @@ class ErrorReport:
     """Errors that were measured on some recordings."""
 
     runs: tuple[ComparedRun, ...]
-    comparisons: tuple[Comparison, ...]
+    comparisons: tuple[HeightComparison, ...]
     """All predictors on all runs of which something can be compared."""
     failed: tuple[str, ...]
     """Why nothing can be compared, for each run that is not among the comparisons."""
@@ -46,9 +46,11 @@ class ErrorReport:
         """Names, in the order in which they were compared."""
         return list(dict.fromkeys(comparison.predictor for comparison in self.comparisons))
 
-    def errors(self, run: str | None = None) -> dict[str, Errors]:
+    def errors(self, run: str | None = None) -> dict[str, GroupedErrors]:
         """Errors of each predictor, on all runs or on one."""
-        return {name: Errors(group) for name in self.predictors if (group := self._of(name, run))}
+        return {
+            name: GroupedErrors(group) for name in self.predictors if (group := self._of(name, run))
+        }
 
     def edges(self, run: str | None = None) -> dict[str, EdgeErrors]:
         """Edge localisation of each predictor, on all runs or on one."""
@@ -61,7 +63,7 @@ class ErrorReport:
                 )
         return result
 
-    def worst(self) -> list[tuple[Comparison, int]]:
+    def worst(self) -> list[tuple[HeightComparison, int]]:
         """Run and step of the moments with a mean error of the first predictor above `WORST_M`,
         worst first.
         """
@@ -72,7 +74,7 @@ class ErrorReport:
             for i, error in enumerate(comparison.error)
             if np.isfinite(error).any() and (mean := float(np.nanmean(np.abs(error)))) > WORST_M
         )
-        chosen: list[tuple[Comparison, int]] = []
+        chosen: list[tuple[HeightComparison, int]] = []
         for _, number, i in ranked:
             comparison = self.comparisons[number]
             time_s = comparison.time_s[i]
@@ -111,7 +113,7 @@ class ErrorReport:
             ],
         }
 
-    def _of(self, predictor: str, run: str | None) -> list[Comparison]:
+    def _of(self, predictor: str, run: str | None) -> list[HeightComparison]:
         return [c for c in self.comparisons if c.predictor == predictor and run in (None, c.run)]
 
     def _numbers_of(self, name: str) -> dict[str, Any]:
@@ -147,7 +149,7 @@ def measure(recordings: Sequence[Recording], models: Sequence[str] = ()) -> Erro
         ModelError: a file is no model that fits.
     """
     runs = _named_apart([read_run(recording) for recording in recordings])
-    comparisons: list[Comparison] = []
+    comparisons: list[HeightComparison] = []
     failed = []
     for run in runs:
         try:
@@ -204,11 +206,11 @@ def _named_apart(runs: list[ComparedRun]) -> list[ComparedRun]:
     ]
 
 
-def _mean_error(comparison: Comparison, index: int) -> float:
+def _mean_error(comparison: HeightComparison, index: int) -> float:
     return float(np.nanmean(np.abs(comparison.error[index])))
 
 
-def _summary(errors: Errors, edges: EdgeErrors) -> dict[str, Any]:
+def _summary(errors: GroupedErrors, edges: EdgeErrors) -> dict[str, Any]:
     by_view = {row.group: row.mae_m for row in errors.by_view()}
     overall = errors.overall()
     calibration = errors.calibration()

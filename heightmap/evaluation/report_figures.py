@@ -8,9 +8,9 @@ from plotly.subplots import make_subplots
 
 from saltus.arrays import Reals
 from saltus.depth import NOTHING
-from saltus.heightmap.evaluation.comparison import Comparison
-from saltus.heightmap.evaluation.edges import EdgeErrors
-from saltus.heightmap.evaluation.errors_by import ErrorRow, Errors
+from saltus.heightmap.evaluation.comparison import HeightComparison
+from saltus.heightmap.evaluation.errors_by import ErrorRow, GroupedErrors
+from saltus.heightmap.evaluation.height_edges import EdgeErrors
 from saltus.reports.figures import BLUE, GREEN, GREY, ORANGE, RED, laid_out
 from saltus.wire.messages import DepthFrame
 
@@ -30,7 +30,7 @@ _LEGEND = {"orientation": "h", "y": 1.02, "yanchor": "bottom", "itemsizing": "co
 """Above the curves, which make room for as many lines as it has."""
 
 
-def distance_figure(errors: Mapping[str, Errors]) -> go.Figure:
+def distance_figure(errors: Mapping[str, GroupedErrors]) -> go.Figure:
     """Mean and 90 % error over distance ahead, and what the predictors state."""
     figure = go.Figure()
     for (name, of), colour in zip(errors.items(), _colours(errors), strict=True):
@@ -52,7 +52,9 @@ def distance_figure(errors: Mapping[str, Errors]) -> go.Figure:
 
 
 def group_figure(
-    errors: Mapping[str, Errors], rows_of: Callable[[Errors], list[ErrorRow]], title: str
+    errors: Mapping[str, GroupedErrors],
+    rows_of: Callable[[GroupedErrors], list[ErrorRow]],
+    title: str,
 ) -> go.Figure:
     """Mean error of groups as bars, one colour for each predictor."""
     figure = go.Figure()
@@ -90,7 +92,7 @@ def edge_figure(edges: Mapping[str, EdgeErrors]) -> go.Figure:
     return _styled(figure, "true distance of the edge ahead of the base [cm]", height=300)
 
 
-def calibration_figure(errors: Mapping[str, Errors]) -> go.Figure:
+def calibration_figure(errors: Mapping[str, GroupedErrors]) -> go.Figure:
     """Observed over expected coverage, and the error
     that 90 % are below over half of the stated 90 % interval.
     """
@@ -123,8 +125,8 @@ def calibration_figure(errors: Mapping[str, Errors]) -> go.Figure:
 
 def moment_figure(
     index: int,
-    moment: Comparison,
-    others: Sequence[Comparison],
+    moment: HeightComparison,
+    others: Sequence[HeightComparison],
     frame: DepthFrame | None,
     names: Sequence[str],
 ) -> go.Figure:

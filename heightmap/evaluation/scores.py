@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.heightmap.evaluation.distance_travelled import way_figures
-from saltus.heightmap.evaluation.edges import edge_errors
-from saltus.heightmap.evaluation.held_out import NETWORK, HeldOutRun, Prediction
+from saltus.heightmap.evaluation.height_edges import edge_errors
+from saltus.heightmap.evaluation.held_out import NETWORK, HeldOutPrediction, HeldOutRun
 from saltus.heightmap.evaluation.visibility import UNSEEN, VIEWS
 from saltus.heightmap.service.quantiles import negative_log_likelihood
 
@@ -67,7 +67,9 @@ def _totals_of(run: HeldOutRun, predictor: str) -> Floats:
 _TOTALS: WeakKeyDictionary[HeldOutRun, dict[str, Floats]] = WeakKeyDictionary()
 
 
-def totals(x: Floats, true_height: Floats, view: NDArray[np.int8], said: Prediction) -> Floats:
+def totals(
+    x: Floats, true_height: Floats, view: NDArray[np.int8], said: HeldOutPrediction
+) -> Floats:
     """Sum and number of what each of `FIGURES` is the mean of,
     shape (2, figures): those of runs add up.
 

@@ -21,7 +21,7 @@ from saltus.heightmap.scan.cells import (
     window_corner,
 )
 from saltus.heightmap.scan.filling import filled
-from saltus.heightmap.scan.matching import Drift, drift, slopes_of
+from saltus.heightmap.scan.matching import PoseError, drift, slopes_of
 from saltus.heightmap.scan.settings import MapSettings
 
 UNKNOWN_M2 = 1e3
@@ -40,7 +40,7 @@ WIDEST = 1.0
 """Half-width [m] that a map without memory starts with."""
 
 
-class Pose(NamedTuple):
+class OdometryPoses(NamedTuple):
     """The base in the odometry's world."""
 
     position: Array
@@ -49,7 +49,7 @@ class Pose(NamedTuple):
     """Base to world, shape (batch, 3, 3)."""
 
 
-class Measurement(NamedTuple):
+class MapUpdate(NamedTuple):
     """Everything that one image and the robot's state at its arrival tell."""
 
     points: Array
@@ -57,9 +57,9 @@ class Measurement(NamedTuple):
     depth: Array
     """Along the camera's axis [m], which says how sure a point is; 0 where there is none. Shape
     (batch, n)."""
-    exposed: Pose
+    exposed: OdometryPoses
     """When the image was taken."""
-    now: Pose
+    now: OdometryPoses
     feet: Array
     """In the base frame now: undersides of feet [m], shape (batch, feet, 3)."""
     standing: Array
@@ -70,7 +70,7 @@ class Measurement(NamedTuple):
     """Time of the exposure [s], on any clock. Shape (batch,)."""
     odometry_error: Array
     """Errors that the odometry is known to have, in units of usual ones (speed off by 3 %, attitude
-    by 0.4 degrees; `saltus.heightmap.scan.training.odometry`): 0 none. Shape (batch,)."""
+    by 0.4 degrees; `saltus.heightmap.scan.training.flight_odometry`): 0 none. Shape (batch,)."""
     mount_error: Array
     """The same of where the cameras sit and of their scale (usual: 0.3 degrees, 3 mm, 0.8 %;
     `saltus.depth_camera.DepthCamera.mount_error`). Shape (batch,)."""
@@ -108,7 +108,7 @@ class ElevationMap(NamedTuple):
     Shape (batch, 2)."""
 
 
-class Surroundings(NamedTuple):
+class MapContext(NamedTuple):
     """Beside the map itself, what is known after an image."""
 
     filled: Array
@@ -149,8 +149,8 @@ def is_known(state: ElevationMap) -> Array:
 
 
 def advanced(
-    state: ElevationMap, measured: Measurement, settings: MapSettings
-) -> tuple[ElevationMap, Surroundings]:
+    state: ElevationMap, measured: MapUpdate, settings: MapSettings
+) -> tuple[ElevationMap, MapContext]:
     """The map after an image: moved to the base,
     corrected for drift, and with the new heights in it.
     """
@@ -168,13 +168,13 @@ def advanced(
     base = measured.now.position + state.correction
     guess, weight = _under_body(state, base, measured.body_height, settings)
     whole = filled(xp.where(known, state.height, guess), xp.where(known, 1.0, weight))
-    return state, Surroundings(
+    return state, MapContext(
         filled=whole, new=new, feet=feet, base=base, drift=state.correction - before
     )
 
 
 def _matched(
-    state: ElevationMap, measured: Measurement, new: CellHeights, settings: MapSettings
+    state: ElevationMap, measured: MapUpdate, new: CellHeights, settings: MapSettings
 ) -> tuple[ElevationMap, CellHeights]:
     """The map with its pose corrected by what an image shows of the drift,
     and the image's heights from there.
@@ -189,7 +189,7 @@ def _matched(
         shift, tilt = shift + found.shift, tilt + found.tilt
         state = state._replace(correction=state.correction - found.shift)
         new = _of_image(state, measured, tilt, settings, extremes=look + 1 == settings.looks)
-    return state._replace(unrest=_unrest(state.unrest, Drift(shift, tilt))), new
+    return state._replace(unrest=_unrest(state.unrest, PoseError(shift, tilt))), new
 
 
 def _moved(state: ElevationMap, position: Array, settings: MapSettings) -> ElevationMap:
@@ -203,7 +203,7 @@ def _moved(state: ElevationMap, position: Array, settings: MapSettings) -> Eleva
 
 def _of_image(
     state: ElevationMap,
-    measured: Measurement,
+    measured: MapUpdate,
     tilt: Array | None,
     settings: MapSettings,
     *,
@@ -229,7 +229,7 @@ def _away(state: ElevationMap, position: Array, settings: MapSettings) -> tuple[
     return x - position[:, :1, None], y - position[:, 1:2, None]
 
 
-def _unrest(before: Array, change: Drift) -> Array:
+def _unrest(before: Array, change: PoseError) -> Array:
     """A mean that forgets, of the lengths of what was corrected."""
     xp = namespace(before)
     lengths = [xp.sum(part**2, axis=-1) ** 0.5 for part in change]
@@ -257,7 +257,7 @@ def _fused(state: ElevationMap, new: CellHeights, settings: MapSettings) -> Elev
 
 
 def _with_feet(
-    state: ElevationMap, measured: Measurement, settings: MapSettings
+    state: ElevationMap, measured: MapUpdate, settings: MapSettings
 ) -> tuple[ElevationMap, CellHeights]:
     """Moves the pose towards where standing feet touch the map,
     and puts them into it where it knows nothing.

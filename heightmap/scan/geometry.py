@@ -3,8 +3,8 @@ with the half-widths that its variances give.
 """
 
 from saltus.arrays import Array, namespace
-from saltus.heightmap.scan.elevation import ElevationMap, Surroundings, is_known
-from saltus.heightmap.scan.planes import OLDEST_S, Heights
+from saltus.heightmap.scan.elevation import ElevationMap, MapContext, is_known
+from saltus.heightmap.scan.network_inputs import OLDEST_S, MapHeights
 from saltus.heightmap.scan.settings import MapSettings
 
 INTERVAL90 = 1.645
@@ -14,10 +14,10 @@ GUESSED_M = 0.15
 
 
 def geometric_heights(
-    state: ElevationMap, around: Surroundings, now_s: Array, settings: MapSettings
-) -> Heights:
+    state: ElevationMap, around: MapContext, now_s: Array, settings: MapSettings
+) -> MapHeights:
     """Heights of the map's cells without a network; `now_s` has shape (batch,)."""
     xp = namespace(state.height)
     age = (now_s[:, None, None] - state.seen_s).clip(0.0, OLDEST_S)
     deviation = (state.variance + (settings.drift * age) ** 2) ** 0.5
-    return Heights(around.filled, xp.where(is_known(state), INTERVAL90 * deviation, GUESSED_M))
+    return MapHeights(around.filled, xp.where(is_known(state), INTERVAL90 * deviation, GUESSED_M))

@@ -20,7 +20,7 @@ STEEPEST = 3.0
 number would do."""
 
 
-class Drift(NamedTuple):
+class PoseError(NamedTuple):
     """Error of the pose at which an image was measured."""
 
     shift: Array
@@ -33,7 +33,7 @@ class Drift(NamedTuple):
 def drift(
     height: Array, variance: Array, known: Array, slopes: tuple[Array, Array], new: CellHeights,
     away: tuple[Array, Array], settings: MapSettings,
-) -> Drift:  # fmt: skip
+) -> PoseError:  # fmt: skip
     """Compares `new` with the map and its `slopes_of`;
     `away` are x and y of the cells from the base [m].
     """
@@ -62,7 +62,7 @@ def drift(
         for i, prior in enumerate(priors)
     ]
     found = _solved(matrix, [products[:, i, -1] for i in range(len(priors))])
-    return Drift(xp.stack(found[:3], axis=-1), xp.stack(found[3:], axis=-1))
+    return PoseError(xp.stack(found[:3], axis=-1), xp.stack(found[3:], axis=-1))
 
 
 def _solved(lower: list[list[Array]], right: list[Array]) -> list[Array]:

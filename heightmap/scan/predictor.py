@@ -13,18 +13,18 @@ from saltus.heightmap.scan.cells import places, sampled
 from saltus.heightmap.scan.elevation import (
     NEVER_S,
     ElevationMap,
-    Measurement,
-    Pose,
+    MapUpdate,
+    OdometryPoses,
     advanced,
     new_map,
 )
-from saltus.heightmap.scan.planes import (
+from saltus.heightmap.scan.network_inputs import (
     MEASURED,
     MEMORY,
     NUMBERS,
     REACH_M,
-    Heights,
-    Inputs,
+    MapHeights,
+    ScanInputs,
     inputs_of,
     remembered,
 )
@@ -39,7 +39,7 @@ FARTHEST_M = 2.0 * REACH_M
 _NAMES = {"measured": MEASURED, "memory": MEMORY, "numbers": NUMBERS}
 
 
-class Ground(NamedTuple):
+class GridHeights(NamedTuple):
     """Points of a grid, each of shape (points,)."""
 
     height: Floats
@@ -118,7 +118,7 @@ class ScanNetwork:
         if wanted != sorted(self._inputs):
             raise ModelError(f"model {path} does not fit: its inputs are {', '.join(wanted)}")
 
-    def __call__(self, inputs: Inputs) -> tuple[Singles, Singles]:
+    def __call__(self, inputs: ScanInputs) -> tuple[Singles, Singles]:
         """Height above `inputs.filled` and half-width [m], each of shape (batch, side, side)."""
         fed = {
             name: np.ascontiguousarray(getattr(inputs, name), np.float32) for name in self._inputs
@@ -158,7 +158,7 @@ class ScanPredictor:
         """Forgets everything: the robot was carried elsewhere, or its odometry jumped."""
         self._known = _Known.of(new_map(1, self._settings, np.zeros(1, np.float32)), None)
 
-    def see(self, measured: Measurement, now_s: float) -> bool:
+    def see(self, measured: MapUpdate, now_s: float) -> bool:
         """Takes an image; arrays of `measured` are numpy's, of one robot, in single precision.
 
         Returns:
@@ -174,11 +174,11 @@ class ScanPredictor:
             and half_width.max() <= FARTHEST_M
         ):
             return False
-        told = Heights(around.filled + height, half_width)
+        told = MapHeights(around.filled + height, half_width)
         self._known = _Known.of(remembered(state, told), np.concatenate(told))
         return True
 
-    def heights(self, pose: Pose, yaw: float, grid: HeightGrid) -> tuple[Floats, Floats]:
+    def heights(self, pose: OdometryPoses, yaw: float, grid: HeightGrid) -> tuple[Floats, Floats]:
         """Height relative to the base and half-width [m] of each point of a grid,
         each of shape (points,).
 
@@ -193,7 +193,7 @@ class ScanPredictor:
         found = self.ground(pose, yaw, grid)
         return found.height, found.half_width
 
-    def ground(self, pose: Pose, yaw: float, grid: HeightGrid) -> Ground:
+    def ground(self, pose: OdometryPoses, yaw: float, grid: HeightGrid) -> GridHeights:
         """The same as `heights`, and when each point was last seen."""
         state, told, _, seen_s = self._known
         if told is None:
@@ -202,9 +202,9 @@ class ScanPredictor:
         x, y = grid.points_in_world(base[0, :2].astype(np.float64), np.asarray(yaw))
         place = places(np.stack([x, y], -1)[None], state.corner, self._settings)
         height, half_width = np.asarray(sampled(told, place), np.float64)
-        return Ground(height - base[0, 2], half_width, _last_seen(seen_s, place[0]))
+        return GridHeights(height - base[0, 2], half_width, _last_seen(seen_s, place[0]))
 
-    def above(self, pose: Pose, points: Singles) -> Floats:
+    def above(self, pose: OdometryPoses, points: Singles) -> Floats:
         """Height of the ground that images showed above points, by the map alone [m], shape (n,).
 
         NaN where no image showed it.

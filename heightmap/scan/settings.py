@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
-from saltus.config import Value, check_between
+from saltus.config import TomlValue, check_between
 
 
 @dataclass(frozen=True, kw_only=True)
-class MapSettings(Value):
+class MapSettings(TomlValue):
     """A square window of cells around the base, along the odometry's axes,
     and how measurements are fused in it.
 

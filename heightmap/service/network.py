@@ -12,7 +12,7 @@ from saltus import depth
 from saltus.arrays import Floats, Singles
 from saltus.errors import ModelError
 from saltus.grid import HeightGrid, grid_metadata
-from saltus.heightmap.service.features import PROPRIOCEPTION
+from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 from saltus.heightmap.service.quantiles import INTERVAL90
 from saltus.heightmap.service.sight import NetworkOutputs
 from saltus.model_file import ModelFile, Session

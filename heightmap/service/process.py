@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 
 from saltus.errors import ModelError
 from saltus.heightmap.service.fleet import FleetService
-from saltus.heightmap.service.link import RobotLink
 from saltus.heightmap.service.model_inbox import FILE, ModelInbox
 from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.service.robot_inbox import RobotInbox
 from saltus.heightmap.service.scan_fleet import ScanChoice, ScanFleet
 from saltus.heightmap.service.true_fleet import TrueFleet
 from saltus.runtime.process import STATUS_PERIOD_S, ProcessContext
@@ -56,7 +56,7 @@ class HeightmapProcess:
             self._fleet = FleetService(network, names, depth)
             self._inbox = ModelInbox(setup.robot, setup.grid, first.run_dir / FILE)
         self._links = {
-            context.bus.prefix: RobotLink(context, depth, cameras) for context in contexts
+            context.bus.prefix: RobotInbox(context, depth, cameras) for context in contexts
         }
 
     def run(self, stopped: Callable[[], bool]) -> None:

@@ -14,11 +14,11 @@ import numpy as np
 from saltus.arrays import Singles
 from saltus.dialects import dialect_of
 from saltus.grid import HeightGrid
-from saltus.heightmap.scan.body import NoBody, OwnBody
-from saltus.heightmap.scan.cameras import ScanCamera
-from saltus.heightmap.scan.elevation import Measurement
-from saltus.heightmap.scan.predictor import Ground, ScanNetwork, ScanPredictor
-from saltus.heightmap.scan.trail import Trail, Waypoint
+from saltus.heightmap.scan.elevation import MapUpdate
+from saltus.heightmap.scan.odometry_trail import OdometryTrail, TrailPose
+from saltus.heightmap.scan.own_body import NoBody, OwnBody
+from saltus.heightmap.scan.predictor import GridHeights, ScanNetwork, ScanPredictor
+from saltus.heightmap.scan.scan_camera import ScanCamera
 from saltus.heightmap.service.image_watch import DEPTH, NO_FRAME, ImageWatch, worse
 from saltus.heightmap.service.quantiles import UNKNOWN_HALF_WIDTH_M
 from saltus.heightmap.service.rolling_feet import RollingFeet
@@ -42,7 +42,7 @@ runs: with 1 mm the ground of such a run was 11 to 13 mm off, with 2 mm 5 to 6, 
 With the 4 mm of odometry of any kind matching made jumps in height of 12 mm within 0.05 s on
 stairs, with 2 mm of 6 (98 % of them)."""
 LEGS_ODOMETRY_ERROR = 0.3
-"""`Measurement.odometry_error` there: they are 1 to 3 % off along their way, but know the attitude
+"""`MapUpdate.odometry_error` there: they are 1 to 3 % off along their way, but know the attitude
 better than training's odometry does. Of 0, 0.1, 0.3 and 0.6 in six runs (seed 8) the smallest with
 which 89 % of the points that were never seen are inside their half-widths."""
 LEGS_CLIMB_GAIN = 2.0
@@ -98,7 +98,7 @@ class _Shown(NamedTuple):
     camera: str
     frame: DepthFrame
     arrival_ns: int
-    exposed: Waypoint
+    exposed: TrailPose
 
 
 class _Look(NamedTuple):
@@ -154,7 +154,7 @@ class ScanService:
     def reset(self) -> None:
         """Forgets everything: for a robot that has started anew."""
         self._watches = {name: ImageWatch(self._depth) for name in self._rig.cameras}
-        self._trail = Trail()
+        self._trail = OdometryTrail()
         self._rolling = None if self._rig.robot is None else RollingFeet(self._rig.robot)
         self._waiting: dict[str, _Shown] = {}
         self._last: Heightmap | None = None
@@ -240,7 +240,7 @@ class ScanService:
         predictor: ScanPredictor,
         shown: list[_Shown],
         feet: Singles,
-        now: Waypoint,
+        now: TrailPose,
         state: RobotState,
     ) -> _Look:
         """Looks at images with a robot's map; changes nothing else."""
@@ -259,7 +259,7 @@ class ScanService:
                 depths.append(found.depth[kept])
         if not points:
             return _Look(shown, missing, plausible=True)
-        measured = Measurement(
+        measured = MapUpdate(
             points=np.concatenate(points)[None], depth=np.concatenate(depths)[None],
             exposed=newest.pose,
             now=now.pose, feet=feet[None], standing=np.ones((1, len(feet)), np.bool_),
@@ -328,12 +328,12 @@ class ScanService:
             ),
         )  # fmt: skip
 
-    def _ground(self, state: RobotState) -> Ground:
+    def _ground(self, state: RobotState) -> GridHeights:
         """The answer of the map; level ground that nobody knows before the first image."""
         grid, now = self._rig.grid, self._trail.now
         if not self._predictor.images:
             level = np.full(grid.size, -_body_height(self._rig.robot, state))
-            return Ground(
+            return GridHeights(
                 level, np.full(grid.size, UNKNOWN_HALF_WIDTH_M), np.full(grid.size, -np.inf)
             )
         return self._predictor.ground(

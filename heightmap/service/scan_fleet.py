@@ -11,9 +11,9 @@ from saltus.depth_camera import DepthCamera, load_camera
 from saltus.dialects import dialect_of
 from saltus.errors import ConfigError
 from saltus.grid import DEFAULT_GRID, HeightGrid, load_grid
-from saltus.heightmap.scan.body import BodyBox, NoBody, OwnBody, RobotBody
-from saltus.heightmap.scan.cameras import ScanCamera
+from saltus.heightmap.scan.own_body import BodyBox, NoBody, OwnBody, RobotBody
 from saltus.heightmap.scan.predictor import ScanNetwork, is_scan
+from saltus.heightmap.scan.scan_camera import ScanCamera
 from saltus.heightmap.service.fleet import RobotRequest
 from saltus.heightmap.service.image_watch import DEPTH
 from saltus.heightmap.service.scan import FIRST, AtOnce, ScanRig, ScanService, Worker

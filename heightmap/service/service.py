@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.depth import MODEL_CAMERA, model_image
-from saltus.heightmap.service.features import proprioception_of
 from saltus.heightmap.service.frozen_output import FrozenOutput
 from saltus.heightmap.service.image_watch import DEPTH, NO_FRAME, ImageWatch, worse
 from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.service.proprioception_vector import proprioception_of
 from saltus.heightmap.service.sight import (
     BAD_OUTPUTS_TO_FORGET,
     NetworkInputs,

@@ -41,7 +41,7 @@ class NetworkInputs(NamedTuple):
     new: Array
     """True where they were not in use a tick ago, bool, shape (n,)."""
     features: Array
-    """See `saltus.heightmap.service.features`, shape (n, some)."""
+    """See `saltus.heightmap.service.proprioception_vector`, shape (n, some)."""
     hidden: Array
     """State of the network, shape (n, hidden size)."""
 

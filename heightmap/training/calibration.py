@@ -7,7 +7,7 @@ import math
 import numpy as np
 import torch
 
-from saltus.heightmap.data.delivery import DeliveryModel
+from saltus.heightmap.data.delivery import ImageDeliveryModel
 from saltus.heightmap.model import MAX_STD_M, MIN_STD_M, WIDTHS, HeightmapModel
 from saltus.heightmap.service.quantiles import INTERVAL90
 from saltus.heightmap.training.dataset import EpisodeStore, ImageNoise, run_window
@@ -26,7 +26,7 @@ One that is stated less often is corrected as those next to it.
 def calibrate(
     model: HeightmapModel,
     store: EpisodeStore,
-    delivery: DeliveryModel,
+    delivery: ImageDeliveryModel,
     noise: ImageNoise,
     seed: int,
 ) -> None:

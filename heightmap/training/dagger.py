@@ -30,7 +30,7 @@ from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import ConfigError
 from saltus.files import whole_folder, write_whole
 from saltus.grid import load_grid
-from saltus.heightmap.collection import Key, closed_loop_batches, round_table
+from saltus.heightmap.collection import EpisodeKey, closed_loop_batches, round_table
 from saltus.heightmap.data.delivery import hardware_table
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.inventory import merge, validate
@@ -44,7 +44,7 @@ from saltus.heightmap.data.shards import (
     write_shard,
 )
 from saltus.heightmap.settings import FURTHER_RATE, ClosedLoop, DaggerSettings, PredictorTraining
-from saltus.heightmap.training.export import Origin, export
+from saltus.heightmap.training.export import ModelOrigin, export
 from saltus.heightmap.training.release import release
 from saltus.heightmap.training.train import TrainingProgress, load_checkpoint, train
 from saltus.heightmap.training.validate import MIN_WARMUP
@@ -55,7 +55,7 @@ BEGUN = "dagger.json"
 _DIGESTS = ("start", "base", "profile_sha256")
 """Digests that it holds beside the settings."""
 
-Batches = Callable[[Path | None, Sequence[Key]], Generator[list[Episode], None, None]]
+Batches = Callable[[Path | None, Sequence[EpisodeKey]], Generator[list[Episode], None, None]]
 """Makes batches from a predictor and their keys, in the order of the keys."""
 
 
@@ -188,7 +188,7 @@ def _started(folder: Path, start: Path, loop: ClosedLoop) -> Path:
             shutil.copyfile(start, partial_folder / CHECKPOINT)
             model, training = load_checkpoint(start)
             # Its warm-up is the service's business: nothing reads it here, so it is not measured.
-            origin = Origin(
+            origin = ModelOrigin(
                 robot=loop.robot,
                 grid=load_grid(loop.grid),
                 camera=load_camera(loop.camera),

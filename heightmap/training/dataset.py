@@ -13,7 +13,7 @@ from torch.nn import functional
 
 from saltus.arrays import Indices
 from saltus.depth import MILLIMETRE, RANGE_M, model_image
-from saltus.heightmap.data.delivery import DeliveryModel, deliver
+from saltus.heightmap.data.delivery import ImageDeliveryModel, deliver
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.model import IMAGE_SHAPE, HeightEstimate, HeightmapModel, Normalisation
 
@@ -46,7 +46,7 @@ _PATCH = (16, 8)
 _AT_ONCE = 16  # episodes: images of some MB, which stay in the cache of a processor
 
 
-class Window(NamedTuple):
+class TrainingWindow(NamedTuple):
     """Ticks of several robots at once; time first."""
 
     image: Tensor
@@ -105,12 +105,12 @@ class EpisodeStore:
         self,
         batch: int,
         length: int,
-        delivery: DeliveryModel,
+        delivery: ImageDeliveryModel,
         noise: ImageNoise,
         rng: np.random.Generator,
         *,
         forgets: float = 0.0,
-    ) -> Iterator[Window]:
+    ) -> Iterator[TrainingWindow]:
         """Yields windows for ever: each of `batch` robots runs through random episodes,
         window after window.
 
@@ -134,7 +134,7 @@ class EpisodeStore:
                 self._enter(slots, finished, delivery, rng)
 
     def _enter(
-        self, slots: "_Slots", rows: Indices, model: DeliveryModel, rng: np.random.Generator
+        self, slots: "_Slots", rows: Indices, model: ImageDeliveryModel, rng: np.random.Generator
     ) -> None:
         """Sends robots into other episodes."""
         chosen = np.searchsorted(
@@ -163,7 +163,7 @@ class EpisodeStore:
             filled += len(part)
         return rows
 
-    def _cut(self, slots: "_Slots", length: int) -> Window:
+    def _cut(self, slots: "_Slots", length: int) -> TrainingWindow:
         ticks = self._lengths[slots.episode]
         beyond = slots.position[:, None] + np.arange(length)
         rows = np.minimum(beyond, ticks[:, None] - 1)
@@ -175,7 +175,7 @@ class EpisodeStore:
             + self._first_frame[slots.episode, None]
         )
         tick = self._to((rows + self._first_tick[slots.episode, None]).T)
-        return Window(
+        return TrainingWindow(
             image=self._images(self._to(wanted)),
             in_use=self._to(np.where(frame >= 0, frame - first[:, None] + 1, 0).T),
             age=self._to(np.take_along_axis(slots.age_s, rows, 1).T),
@@ -211,14 +211,14 @@ class _Slots:
         """True where a robot begins with an empty hidden state: in a new episode, or where it was
         emptied on the way."""
         self.frame = np.zeros((batch, longest), np.int64)
-        """Images as they are delivered, see `saltus.heightmap.data.delivery.Delivery`, as the two
-        that follow."""
+        """Images as they are delivered, see `saltus.heightmap.data.delivery.DeliveredImages`, as
+        the two that follow."""
         self.age_s = np.zeros((batch, longest), np.float32)
         self.new = np.zeros((batch, longest), np.float32)
 
 
 def run_window(
-    model: HeightmapModel, window: Window, hidden: Tensor
+    model: HeightmapModel, window: TrainingWindow, hidden: Tensor
 ) -> tuple[HeightEstimate, Tensor]:
     """Runs a window; robots that begin a new episode begin with an empty hidden state."""
     batch, images = window.image.shape[:2]

@@ -12,7 +12,6 @@ from torch import Tensor, nn
 from saltus.depth_camera import DepthCamera
 from saltus.grid import HeightGrid, grid_metadata
 from saltus.heightmap.model import IMAGE_SHAPE, HeightmapModel, Normalisation
-from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.network import (
     FORMAT,
     INPUTS,
@@ -20,6 +19,7 @@ from saltus.heightmap.service.network import (
     HeightmapNetwork,
     camera_metadata,
 )
+from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 from saltus.heightmap.service.quantiles import INTERVAL90
 from saltus.heightmap.service.sight import NetworkInputs
 from saltus.onnx_export import round_to_half, write_onnx
@@ -29,7 +29,7 @@ from saltus.wire.topics import CAMERA_LATENCY_S
 
 
 @dataclass(frozen=True, kw_only=True)
-class Origin:
+class ModelOrigin:
     """Origin of a model."""
 
     robot: str
@@ -60,7 +60,7 @@ class _Step(nn.Module):
         return estimate.height, estimate.log_std.exp(), hidden
 
 
-def export(model: HeightmapModel, path: Path, origin: Origin) -> None:
+def export(model: HeightmapModel, path: Path, origin: ModelOrigin) -> None:
     """Writes the network as ONNX with everything that is needed to use it,
     whole or not at all, and its checksum.
 
@@ -79,7 +79,7 @@ def export(model: HeightmapModel, path: Path, origin: Origin) -> None:
     )
 
 
-def metadata(model: HeightmapModel, origin: Origin) -> dict[str, object]:
+def metadata(model: HeightmapModel, origin: ModelOrigin) -> dict[str, object]:
     """Metadata of the file; `saltus.heightmap.service.network` refuses what does not fit."""
     robot = origin.camera.mounted_on(load_robot(origin.robot))
     normalisation = {name: getattr(model, name).tolist() for name in Normalisation._fields}

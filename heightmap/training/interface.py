@@ -6,8 +6,8 @@ from saltus.depth import MODEL_CAMERA, RANGE_M
 from saltus.depth_camera import DepthCamera
 from saltus.effects.image_delivery import CameraLatency
 from saltus.grid import HeightGrid
-from saltus.heightmap.data.delivery import TRAINING, DeliveryModel
-from saltus.heightmap.service.features import PROPRIOCEPTION
+from saltus.heightmap.data.delivery import TRAINING, ImageDeliveryModel
+from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 from saltus.robots.robot import Robot
 from saltus.wire.topics import depth_topic
 
@@ -102,7 +102,7 @@ def interface(
     camera: DepthCamera,
     latency: CameraLatency,
     hidden: int,
-    trained: DeliveryModel = TRAINING,
+    trained: ImageDeliveryModel = TRAINING,
 ) -> str:
     """Returns what the card of a model, with so many entries of hidden state,
     says of its inputs and outputs.

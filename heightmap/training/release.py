@@ -22,20 +22,24 @@ from saltus.heightmap.data.shards import (
     read_records,
 )
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.training.export import Origin, export, parity
+from saltus.heightmap.training.export import ModelOrigin, export, parity
 from saltus.heightmap.training.exported import TrainingOrigin
 from saltus.heightmap.training.interface import interface
 from saltus.heightmap.training.train import load_checkpoint, split
-from saltus.heightmap.training.validate import Accuracy, accuracy, episode_inputs, warmup_frames
+from saltus.heightmap.training.validate import (
+    HeightAccuracy,
+    accuracy,
+    episode_inputs,
+    warmup_frames,
+)
 from saltus.model_file import put_model
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import robot_name_in
 
 PARITY_STEPS = 1000
-MAX_DIFFERENCE = (
-    1e-5  # in a tick, see `Release.parity`; single precision is up to 4e-6 off on held-out episodes
-)
+# In a tick, see `ModelRelease.parity`; single precision is up to 4e-6 off on held-out episodes
+MAX_DIFFERENCE = 1e-5
 MAX_BYTES = 10_000_000
 MEASURED = 300
 """Held-out episodes at most, spread over all of them: three minutes, and a mean error is known to
@@ -46,11 +50,11 @@ REGIONS = (
     ("between", "between_m"),
     ("under and behind, x <= 0.2 m", "under_m"),
 )
-"""Rows of the card and fields of `Accuracy`."""
+"""Rows of the card and fields of `HeightAccuracy`."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Release:
+class ModelRelease:
     """A model file and what was measured on it."""
 
     model_id: str
@@ -59,9 +63,9 @@ class Release:
     """Greatest difference in a tick from torch in double precision, of 1,000 recurrent steps with
     resets: heights, halves of intervals [m] and hidden state (no unit), see
     `saltus.heightmap.training.export.parity`."""
-    clean: Accuracy
+    clean: HeightAccuracy
     """Images as late as the camera makes them, none lost."""
-    faulty: Accuracy
+    faulty: HeightAccuracy
     """Images as in training: later or sooner, with jitter and losses."""
 
 
@@ -71,7 +75,7 @@ def release(
     model_path: Path,
     unseen: Path | None = None,
     begun: Callable[[], object] = lambda: None,
-) -> Release:
+) -> ModelRelease:
     """Exports a checkpoint, measures the file on held-out episodes and writes its card beside it.
 
     Args:
@@ -110,7 +114,7 @@ def release(
     camera = camera_of(data, records)
     name, grid = robot_name_in(records[0].config), records[0].grid
     robot = camera.mounted_on(load_robot(name))
-    origin = Origin(
+    origin = ModelOrigin(
         robot=name, grid=grid, camera=camera, latency_s=float(records[0].latency.latency),
         warmup_frames=1,
         dataset=dataset_hash(records), seed=int(training["config"]["seed"]),
@@ -136,7 +140,7 @@ def release(
                 f"{checkpoint} gives a file of {candidate.stat().st_size} bytes: more than "
                 f"{MAX_BYTES}"
             )
-        result = Release(
+        result = ModelRelease(
             model_id=network.model_id,
             warmup_frames=warmup,
             parity=difference,
@@ -187,7 +191,7 @@ def _unseen(folder: Path, training: TrainingOrigin, trained_on: list[ShardRecord
 def _card(
     robot: Robot,
     camera: DepthCamera,
-    result: Release,
+    result: ModelRelease,
     training: TrainingOrigin,
     records: list[ShardRecord],
     held_out: str,

@@ -18,7 +18,7 @@ from saltus.errors import ConfigError, ModelError
 from saltus.files import atomic_write, check_archive
 from saltus.folders import ask_for_room, differences
 from saltus.gpu import has_gpu
-from saltus.heightmap.data.delivery import DELIVERIES, DeliveryModel
+from saltus.heightmap.data.delivery import DELIVERIES, ImageDeliveryModel
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import (
     DatasetError,
@@ -29,7 +29,7 @@ from saltus.heightmap.data.shards import (
     read_records,
 )
 from saltus.heightmap.model import WIDTHS, HeightEstimate, HeightmapModel, Normalisation
-from saltus.heightmap.service.features import PROPRIOCEPTION
+from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 from saltus.heightmap.service.quantiles import INTERVAL90
 from saltus.heightmap.settings import ModelSettings, PredictorTraining
 from saltus.heightmap.training.calibration import calibrate
@@ -38,7 +38,7 @@ from saltus.heightmap.training.dataset import (
     TRAINING_NOISE,
     EpisodeStore,
     ImageNoise,
-    Window,
+    TrainingWindow,
     run_window,
 )
 from saltus.heightmap.training.exported import CheckpointTable, TrainingOrigin, read_exported
@@ -180,7 +180,7 @@ def _updates(
     optimiser: torch.optim.Optimizer,
     store: EpisodeStore,
     config: PredictorTraining,
-    delivery: DeliveryModel,
+    delivery: ImageDeliveryModel,
     first: int,
 ) -> Iterator[tuple[Tensor, Tensor]]:
     """Makes the updates from `first` on; yields loss and mean absolute error [m] after each."""
@@ -257,7 +257,7 @@ def settings_of(checkpoint: Path) -> PredictorTraining:
         ) from error
 
 
-def _loss(estimate: HeightEstimate, window: Window) -> Tensor:
+def _loss(estimate: HeightEstimate, window: TrainingWindow) -> Tensor:
     """The absolute error, and how far the stated interval is
     from holding the share of errors that it should.
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from saltus.arrays import Floats, Singles
 from saltus.depth import model_image
-from saltus.heightmap.data.delivery import FRAME_TICKS, DeliveryModel, deliver
+from saltus.heightmap.data.delivery import FRAME_TICKS, ImageDeliveryModel, deliver
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.sight import NetworkInputs
@@ -26,7 +26,7 @@ MIN_WARMUP = 5  # images: a few more than one bad one could decide for
 
 
 @dataclass(frozen=True, kw_only=True)
-class Accuracy:
+class HeightAccuracy:
     """Mean absolute errors [m] and how well the stated intervals hold."""
 
     mae_m: float
@@ -61,8 +61,10 @@ class Accuracy:
 
 
 def accuracy(
-    network: HeightmapNetwork, episodes: Sequence[Episode], delivery: DeliveryModel | None = None
-) -> Accuracy:
+    network: HeightmapNetwork,
+    episodes: Sequence[Episode],
+    delivery: ImageDeliveryModel | None = None,
+) -> HeightAccuracy:
     """Errors of a model file over whole episodes, images without noise.
 
     Args:
@@ -74,14 +76,14 @@ def accuracy(
     covered: list[float] = []
     by_terrain: dict[str, list[float]] = {}
     for episode in episodes:
-        height, half_width_90 = run_episode(network, episode, delivery or DeliveryModel())
+        height, half_width_90 = run_episode(network, episode, delivery or ImageDeliveryModel())
         error = np.abs(height - episode.height)[SETTLED_TICKS:]
         errors.append(error)
         covered.append(float((error <= half_width_90[SETTLED_TICKS:]).mean()))
         by_terrain.setdefault(episode.terrain, []).append(float(error.mean()))
     every, x = np.concatenate(errors), network.x
     ahead, under = x >= AHEAD_X, x <= UNDER_X
-    return Accuracy(
+    return HeightAccuracy(
         mae_m=float(every.mean()),
         ahead_m=float(every[:, ahead].mean()),
         between_m=float(every[:, ~ahead & ~under].mean()),
@@ -116,7 +118,7 @@ def warmup_frames(network: HeightmapNetwork, episodes: Sequence[Episode], limit:
         if len(truth) < ticks:
             continue
         for total, forget_at in ((warm, None), (cold, lost_at)):
-            height, _ = run_episode(network, episode, DeliveryModel(), forget_at)
+            height, _ = run_episode(network, episode, ImageDeliveryModel(), forget_at)
             total += (
                 np.abs(height[span][:, ahead] - truth).mean(-1).reshape(limit, FRAME_TICKS).mean(-1)
             )
@@ -129,7 +131,7 @@ def warmup_frames(network: HeightmapNetwork, episodes: Sequence[Episode], limit:
 def run_episode(
     network: HeightmapNetwork,
     episode: Episode,
-    delivery: DeliveryModel,
+    delivery: ImageDeliveryModel,
     forget_at: int | None = None,
 ) -> tuple[Singles, Singles]:
     """Heights and half of their 90 % intervals [m] at every tick, each of shape (ticks, 30).
@@ -150,7 +152,7 @@ def run_episode(
     return height, half_width_90
 
 
-def episode_inputs(episode: Episode, delivery: DeliveryModel) -> Iterator[NetworkInputs]:
+def episode_inputs(episode: Episode, delivery: ImageDeliveryModel) -> Iterator[NetworkInputs]:
     """Returns what the network gets at each tick of an episode but for its hidden state,
     images without noise.
     """

@@ -10,9 +10,9 @@ from saltus.arrays import Array, namespace
 from saltus.config import check_between
 from saltus.errors import ConfigError
 from saltus.flags import shown
-from saltus.terrain.batch import BOXES
-from saltus.terrain.law import KINDS
-from saltus.terrain.table import CourseTable
+from saltus.terrain.course_batch import BOXES
+from saltus.terrain.course_law import KINDS
+from saltus.terrain.course_table import CourseTable
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,11 +35,11 @@ class CurriculumSettings:
     hurdles: float = 0.0
     ditch: float = 0.0
     """Share of this kind and of the five above, which are left out unless they are asked for, see
-    `saltus.terrain.law.KINDS`."""
+    `saltus.terrain.course_law.KINDS`."""
     own: Annotated[dict[str, float], shown("NAME SHARE ...", "none")] = field(default_factory=dict)
     """Share of ramp_up, ramp_down, and of families of your own, by name.
 
-    See `saltus.terrain.own`.
+    See `saltus.terrain.own_families`.
     """
     levels: int = 10
     """Level k has difficulties from k / levels to (k + 1) / levels of the hardest."""

@@ -14,15 +14,15 @@ from saltus.effects.body import BodyModel
 from saltus.effects.heightmap_shift import shift_of
 from saltus.effects.profile import Profile
 from saltus.policy.env.curriculum import difficulty, next_level
-from saltus.policy.env.memory import Memory, store
+from saltus.policy.env.env_observations import EnvObservations
+from saltus.policy.env.jump_memory import JumpMemory, store
 from saltus.policy.env.randomisation import BODY_DRAWS, SOFT_RUBBER, draw_bodies, draw_wide
-from saltus.policy.env.settings import EnvSettings
-from saltus.policy.env.views import Views
+from saltus.policy.env.settings import JumpEnvSettings
 from saltus.robots.legs import LegKinematics
 from saltus.rotations import quaternion_from_roll_pitch_yaw, roll_pitch_yaw, rotation_matrix
 from saltus.sim.engine import Engine
 from saltus.sim.plant import CLEARANCE
-from saltus.terrain.batch import DRAWS, draw_courses
+from saltus.terrain.course_batch import DRAWS, draw_courses
 from saltus.terrain.terrain import TRENCH_DEPTH
 from saltus.trial import UPRIGHT_LIMIT
 
@@ -37,16 +37,16 @@ _EVENT_DRAWS = ColumnNames(
 )
 
 
-class Episodes:
+class EpisodeResets:
     """Judges and resets; results are tensors that are rewritten in place."""
 
     def __init__(
         self,
-        memory: Memory,
-        config: EnvSettings,
+        memory: JumpMemory,
+        config: JumpEnvSettings,
         engine: Engine,
         estimator: Estimator,
-        views: Views,
+        views: EnvObservations,
         profile: Profile,
     ) -> None:
         self._memory, self._config, self._engine, self._views = memory, config, engine, views

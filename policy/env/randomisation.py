@@ -22,7 +22,7 @@ from saltus.effects.motors import TorqueGain
 from saltus.effects.profile import Profile
 from saltus.errors import ConfigError
 from saltus.robots.robot import Robot
-from saltus.terrain.law import between
+from saltus.terrain.course_law import between
 from saltus.trial import NOMINAL_FEEDFORWARD_DELAY_S
 
 BODY_DRAWS = ColumnNames(
@@ -41,8 +41,8 @@ WIDE = {
     "joint_damping": 10.0, "joint_friction": 10.0, "softness": 1.0, "command_delay_s": 100.0,
     "push_mps": 1.0, "friction": 1.0,
 }  # fmt: skip
-"""Values that `WideSettings` draws, by their names in `saltus.policy.env.memory.Memory`, each from
-one uniform random number; and what makes it about 1 for the critic."""
+"""Values that `WideSettings` draws, by their names in `saltus.policy.env.jump_memory.JumpMemory`,
+each from one uniform random number; and what makes it about 1 for the critic."""
 WIDE_DRAWS = ColumnNames(**dict.fromkeys(WIDE, ()))
 SOFT_RUBBER = {
     "contact_time_constant": (NOMINAL_CONTACT_TIME_CONSTANT_S, 0.02),
@@ -177,8 +177,8 @@ def draw_bodies(config: RandomisationSettings, draws: Array) -> dict[str, Array]
     """Makes bodies from uniform numbers in [0, 1), shape (n, BODY_DRAWS.count).
 
     Returns:
-        Fields of `saltus.policy.env.memory.Memory`: each of shape (n,), but the centre of mass (n,
-        3).
+        Fields of `saltus.policy.env.jump_memory.JumpMemory`: each of shape (n,), but the centre of
+        mass (n, 3).
     """
     drawn = BODY_DRAWS.of(draws)
     com = [

@@ -12,9 +12,9 @@ from saltus.effects.profile import Profile
 from saltus.errors import ConfigError
 from saltus.policy.bounds import ActionBounds
 from saltus.policy.env.curriculum import CurriculumSettings
+from saltus.policy.env.jump_rewards import JumpRewardSettings
 from saltus.policy.env.randomisation import RandomisationSettings
-from saltus.policy.env.rewards import RewardSettings
-from saltus.policy.features import check_past_steps
+from saltus.policy.policy_features import check_past_steps
 
 MOST_ROBOTS = 2**18
 """16 times what one GPU trains."""
@@ -50,11 +50,11 @@ class EpisodeSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class EnvSettings:
+class JumpEnvSettings:
     """Everything that shapes the task."""
 
     bounds: ActionBounds = field(default_factory=ActionBounds)
-    reward: RewardSettings = field(default_factory=RewardSettings)
+    reward: JumpRewardSettings = field(default_factory=JumpRewardSettings)
     randomisation: RandomisationSettings = field(default_factory=RandomisationSettings)
     curriculum: CurriculumSettings = field(default_factory=CurriculumSettings)
     episode: EpisodeSettings = field(default_factory=EpisodeSettings)
@@ -152,7 +152,7 @@ class LearningSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainSettings:
+class JumpTrainSettings:
     """One training: what is learned, from what, and how."""
 
     robot: str
@@ -164,7 +164,7 @@ class TrainSettings:
     """Robots of each process."""
     seed: int = 0
     """Seed of all random draws."""
-    env: EnvSettings = field(default_factory=EnvSettings)
+    env: JumpEnvSettings = field(default_factory=JumpEnvSettings)
     learning: LearningSettings = field(default_factory=LearningSettings)
 
     def __post_init__(self) -> None:
@@ -177,20 +177,20 @@ class TrainSettings:
             )
 
 
-def for_gpu(robot: str, grid: str) -> TrainSettings:
+def for_gpu(robot: str, grid: str) -> JumpTrainSettings:
     """Settings for one GPU: the paper's terrains."""
-    return TrainSettings(robot=robot, grid=grid, robots=16384)
+    return JumpTrainSettings(robot=robot, grid=grid, robots=16384)
 
 
-def for_cpu(robot: str, grid: str) -> TrainSettings:
+def for_cpu(robot: str, grid: str) -> JumpTrainSettings:
     """Settings for two cores: to bound on flat ground within minutes,
     with networks a twelfth of the size.
     """
     flat = CurriculumSettings(flat=1.0, stairs=0.0, stepping_stones=0.0, step=0.0, gap=0.0)
-    return TrainSettings(
+    return JumpTrainSettings(
         robot=robot,
         grid=grid,
         robots=256,
-        env=EnvSettings(curriculum=flat),
+        env=JumpEnvSettings(curriculum=flat),
         learning=LearningSettings(hidden=(128, 128, 64), epochs=4),
     )

@@ -19,7 +19,7 @@ from saltus.constants import PHYSICS_DT
 from saltus.effects.chain import ActuatorChain, Torques
 from saltus.effects.effect import map_arrays
 from saltus.joint_command import JointCommand
-from saltus.policy.env.memory import keep, store
+from saltus.policy.env.jump_memory import keep, store
 from saltus.robots.legs import LegKinematics
 from saltus.sim.engine import Engine
 
@@ -30,7 +30,7 @@ _WARM_UPS = 3  # as PyTorch's notes on CUDA graphs do: lazy initialisation is ov
 _UNROLLED = 17  # sums of up to 16 terms are written out: the longest product here is of 16 terms
 
 
-class Stage:
+class EnvStage:
     """A function that changes tensors in place, always the same ones.
 
     Called a few times before it is replayed.
@@ -202,7 +202,7 @@ class TrainingEnv(ABC):
         """Makes stages of functions: plan, control, perhaps sense, finish;
         and starts all robots.
         """
-        self.stages = [Stage(function, self.device) for function in stages]
+        self.stages = [EnvStage(function, self.device) for function in stages]
         """The work of a step around the physics."""
         self._begin(prepare=True)
 

@@ -17,7 +17,7 @@ from saltus.loop.heights import HeightsFactory, exact_heights, shifted_heights
 from saltus.loop.loop import Loop, Moment
 from saltus.loop.planner import Planner
 from saltus.named_setup import named_setups
-from saltus.policy.evaluation.trace import Failure, Trace, failure_of, traces_of
+from saltus.policy.evaluation.trial_trace import FailureKind, TrialTrace, failure_of, traces_of
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
@@ -25,7 +25,7 @@ from saltus.setup import Setup
 from saltus.terrain.curriculum import is_drawn, make_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.trial import TIME_LIMIT_S, Outcome, Trial
-from saltus.workers import Listener, in_order, tell
+from saltus.workers import WorkerListener, in_order, tell
 
 BATCH = 25
 """Robots that a process runs at once: of 10 each costs twice the processor time, as numpy's calls
@@ -48,7 +48,7 @@ HEIGHTS: dict[str, HeightsFactory] = {"true": shifted_heights, "true-exact": exa
 
 
 @dataclass(frozen=True, kw_only=True)
-class Evaluation:
+class EvaluationSettings:
     """Settings of an evaluation."""
 
     robot: str
@@ -117,9 +117,9 @@ class TrialResult:
     """How one trial went."""
 
     outcome: Outcome
-    failure: Failure
+    failure: FailureKind
     """Why it failed; empty after a success."""
-    trace: Trace
+    trace: TrialTrace
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -162,11 +162,11 @@ class EvaluationResult:
 
 
 def evaluate(
-    evaluation: Evaluation,
+    evaluation: EvaluationSettings,
     heights: HeightsFactory = shifted_heights,
     planner: PlannerFactory = ScriptedPlanner,
     processes: int | None = None,
-    listener: Listener | None = None,
+    listener: WorkerListener | None = None,
 ) -> Iterator[dict[int, TrialResult]]:
     """Runs the trials and yields batches of results by seed, in their order.
 
@@ -187,7 +187,10 @@ def merged(batches: Iterable[dict[int, TrialResult]]) -> EvaluationResult:
 
 
 def run_batch(
-    evaluation: Evaluation, heights: HeightsFactory, planner: PlannerFactory, seeds: Sequence[int]
+    evaluation: EvaluationSettings,
+    heights: HeightsFactory,
+    planner: PlannerFactory,
+    seeds: Sequence[int],
 ) -> dict[int, TrialResult]:
     """Runs the trials of some seeds in one batch."""
     setups = evaluation.setups(seeds)

@@ -9,8 +9,8 @@ import numpy as np
 import plotly.graph_objects as go
 
 from saltus.config import to_toml
-from saltus.policy.evaluation.evaluate import Evaluation, EvaluationResult, TrialResult
-from saltus.policy.evaluation.pictures import picture_strip
+from saltus.policy.evaluation.evaluate import EvaluationResult, EvaluationSettings, TrialResult
+from saltus.policy.evaluation.trial_pictures import picture_strip
 from saltus.provenance import commit
 from saltus.recordings.report import course_title
 from saltus.recordings.summary import shown
@@ -23,7 +23,7 @@ BEHIND_M, AHEAD_M = 0.6, 1.0  # of the start and of the finish
 
 
 def write_evaluation_report(
-    evaluation: Evaluation, result: EvaluationResult, table: dict[str, object], path: Path
+    evaluation: EvaluationSettings, result: EvaluationResult, table: dict[str, object], path: Path
 ) -> None:
     """Writes the report of an evaluation, whose result is printed as `table`.
 

@@ -6,7 +6,7 @@ from saltus.trial import Trial
 
 
 @dataclass(frozen=True, kw_only=True)
-class Conditions:
+class WalkConditions:
     """The usual ones, but for what is given."""
 
     push_ns: float = 0.0

@@ -12,20 +12,27 @@ from saltus.arrays import Floats
 from saltus.constants import POLICY_DT
 from saltus.drive.wish import STAND, Wish
 from saltus.policy.evaluation.tracking import tracking_errors
-from saltus.policy.evaluation.walking_judge import BEGINS_S, Cause, Run, failure, median, yaw_of
+from saltus.policy.evaluation.walking_judge import (
+    BEGINS_S,
+    WalkEndCause,
+    WalkRun,
+    failure,
+    median,
+    yaw_of,
+)
 from saltus.policy.evaluation.walks import WalkStep
-from saltus.sim.state import PlantState
+from saltus.sim.plant_state import PlantState
 from saltus.wire.messages import CommandMode, ControllerMode
 
 _STRIDE, _SETTLING = round(0.5 / POLICY_DT), round(1.0 / POLICY_DT)  # those of `walk eval`
 
 
 @dataclass(frozen=True, kw_only=True)
-class Drill:
+class DrillResult:
     """One robot that was drilled; lengths and times are NaN where it did not come so far."""
 
     seed: int
-    cause: Cause
+    cause: WalkEndCause
     errors: tuple[float, float, float]
     """Mean error of the velocity ahead and aside [m/s] and of the turning [rad/s]."""
     stop_m: float
@@ -51,7 +58,7 @@ AHEAD_MPS, ASIDE_MPS, DRAWN_TURN_RPS = (-0.5, 1.0), 0.4, 0.8
 """Ranges of the drill's drawn commands, each within what policies are trained on."""
 
 
-def drill(run: Run, seed: int) -> Drill:
+def drill(run: WalkRun, seed: int) -> DrillResult:
     """Leads a robot through the drill; the seed draws the commands."""
     rng = np.random.default_rng((seed, 2))
     drawn = [
@@ -78,7 +85,7 @@ def drill(run: Run, seed: int) -> Drill:
         return Wish(mode=CommandMode.WALK, turn_rps=turn)
 
     steps: list[WalkStep] = []
-    cause: Cause = ""
+    cause: WalkEndCause = ""
     for step in run(operator):
         steps.append(step)
         cause = failure(step)
@@ -86,7 +93,7 @@ def drill(run: Run, seed: int) -> Drill:
             break
     stop_m, stop_s = _stop(steps)
     turn_s, drift_m = _turn(steps)
-    return Drill(
+    return DrillResult(
         seed=seed, cause=cause, errors=_errors(steps), stop_m=stop_m, stop_s=stop_s,
         turn_s=turn_s, turn_drift_m=drift_m,
     )  # fmt: skip
@@ -137,7 +144,7 @@ def _turn(steps: Sequence[WalkStep]) -> tuple[float, float]:
     return part[done[0]].time_s - _TURN_FROM, float(np.linalg.norm(here - there))
 
 
-def drill_row(results: Sequence[Drill]) -> dict[str, Any]:
+def drill_row(results: Sequence[DrillResult]) -> dict[str, Any]:
     """The figures of one ground."""
     whole = [each for each in results if not each.cause]
     ahead, aside, turn = (

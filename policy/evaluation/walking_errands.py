@@ -17,15 +17,15 @@ from saltus.policy.evaluation.walking_judge import (
     BEGINS_S,
     MOST_TURN_RPS,
     SLACK,
-    Cause,
-    Run,
+    WalkEndCause,
+    WalkRun,
     along,
     drawn_speed,
     failure,
     yaw_of,
 )
-from saltus.policy.evaluation.walking_routes import Route
-from saltus.sim.state import PlantState
+from saltus.policy.evaluation.walking_routes import WalkRoute
+from saltus.sim.plant_state import PlantState
 from saltus.wire.messages import CommandMode, ControllerMode
 
 STOP_MPS, STOP_AT_M, STOP_WITHIN_M, STOP_S = 1.0, (2.0, 7.0), 1.0, 4.0
@@ -46,17 +46,17 @@ _LEAST_MPS, _LEAST_RPS = 0.25, 0.3  # the shipped policies stand where they are 
 
 
 @dataclass(frozen=True, kw_only=True)
-class Errand:
+class ErrandResult:
     """One robot's errand."""
 
     seed: int
-    cause: Cause
+    cause: WalkEndCause
     """Reason why it is not done; empty where it is."""
     figures: dict[str, float]
     """Lengths [m], angles [deg] and times [s] of it; NaN where it did not come so far."""
 
 
-def follow(run: Run, seed: int, route: Route) -> Errand:
+def follow(run: WalkRun, seed: int, route: WalkRoute) -> ErrandResult:
     """Leads a robot over the goals of a route; the seed draws the speed."""
     speed, places = drawn_speed(seed), np.array([(0.0, 0.0), *route.goals])
     goals = Goals(route.goals, speed, MOST_TURN_RPS)
@@ -81,7 +81,7 @@ def follow(run: Run, seed: int, route: Route) -> Errand:
         "goals": float(len(route.goals) - goals.left), "way_m": way_m,
         "time_s": step.time_s - BEGINS_S, "speed_mps": speed,
     }  # fmt: skip
-    return Errand(seed=seed, cause=cause, figures=figures)
+    return ErrandResult(seed=seed, cause=cause, figures=figures)
 
 
 def _aside(here: Floats, places: Floats) -> float:
@@ -92,7 +92,7 @@ def _aside(here: Floats, places: Floats) -> float:
     return float(np.linalg.norm(here - nearest, axis=1).min())
 
 
-def stop(run: Run, seed: int, *, jumps: bool = False) -> Errand:
+def stop(run: WalkRun, seed: int, *, jumps: bool = False) -> ErrandResult:
     """Leads a robot along x, at 1.0 m/s where it walks, and stops it at a place that is drawn."""
     at_m = JUMP_STOP_AT_M if jumps else STOP_AT_M
     stop_x = float(np.random.default_rng((seed, 3)).uniform(*at_m))
@@ -125,10 +125,10 @@ def stop(run: Run, seed: int, *, jumps: bool = False) -> Errand:
     if not cause and (way_m > STOP_WITHIN_M or math.isnan(stood_s)):
         cause = "too_far"
     figures = {"way_m": way_m, "time_s": stood_s, "speed_mps": speed_mps}
-    return Errand(seed=seed, cause=cause, figures=figures)
+    return ErrandResult(seed=seed, cause=cause, figures=figures)
 
 
-def line(run: Run, seed: int) -> Errand:
+def line(run: WalkRun, seed: int) -> ErrandResult:
     """Leads a robot to a place and heading that the seed draws, and lets it stand there."""
     rng = np.random.default_rng((seed, 4))
     goal, heading = rng.uniform((0.8, -0.6), (2.5, 0.6)), float(rng.uniform(-0.5, 0.5))
@@ -149,7 +149,7 @@ def line(run: Run, seed: int) -> Errand:
         return STAND if time_s >= let_stand_s else _to_pose(offset, error)
 
     for step in run(operator):
-        cause: Cause = failure(step) or ("time_limit" if step.time_s > LINE_S else "")
+        cause: WalkEndCause = failure(step) or ("time_limit" if step.time_s > LINE_S else "")
         offset, error = _offset(step.truth, goal, heading)
         stood = step.time_s - let_stand_s > STAND_S and step.mode == ControllerMode.STAND
         if cause or (stood and _within(offset, error, LINE_M, LINE_RAD)):
@@ -158,7 +158,7 @@ def line(run: Run, seed: int) -> Errand:
         "offset_m": float(np.linalg.norm(offset)), "heading_deg": abs(math.degrees(error)),
         "time_s": step.time_s - BEGINS_S,
     }  # fmt: skip
-    return Errand(seed=seed, cause=cause, figures=figures)
+    return ErrandResult(seed=seed, cause=cause, figures=figures)
 
 
 def _within(offset: Floats, error: float, most_m: float, most_rad: float) -> bool:
@@ -194,7 +194,7 @@ def _to_pose(offset: Floats, error: float) -> Wish:
     )  # fmt: skip
 
 
-def errand_row(results: Sequence[Errand]) -> dict[str, Any]:
+def errand_row(results: Sequence[ErrandResult]) -> dict[str, Any]:
     """The figures of one ground: medians over those who did it."""
     done = [each for each in results if not each.cause]
     names = results[0].figures if results else {}

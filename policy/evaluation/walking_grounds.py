@@ -7,7 +7,16 @@ import numpy as np
 
 from saltus.errors import check_known
 from saltus.terrain.course import Course
-from saltus.terrain.segments import Draws, Hurdles, Level, Ramp, Rubble, Segment, Stairs, Stones
+from saltus.terrain.course_segments import (
+    CourseSegment,
+    Hurdles,
+    Level,
+    Ramp,
+    RandomSizes,
+    Rubble,
+    Stairs,
+    Stones,
+)
 from saltus.terrain.terrain import Terrain
 
 FINISH_X = 10.0
@@ -17,7 +26,7 @@ _UNEVEN = {"rise": (0.05, 0.20), "run": (0.25, 0.40)}  # of irregular stairs, dr
 _SLOPE = 3.0 * math.tan(math.radians(20.0))
 
 
-def _irregular(sign: float) -> tuple[Segment, ...]:
+def _irregular(sign: float) -> tuple[CourseSegment, ...]:
     low, high = _UNEVEN["rise"]
     return tuple(
         Stairs(steps=1, rise=(sign * low, sign * high), run=_UNEVEN["run"]) for _ in range(11)
@@ -28,7 +37,7 @@ def _stairs(rise: float) -> Stairs:
     return Stairs(steps=14, rise=rise, run=0.28)
 
 
-GROUNDS: dict[str, tuple[Segment, ...]] = {
+GROUNDS: dict[str, tuple[CourseSegment, ...]] = {
     "plain": (Level(length=10.0),),
     "rubble": (Rubble(length=9.0, count=105, side=(0.15, 0.6), height=(0.01, 0.15), tilt=0.15),),
     "stairs": (Level(length=0.5), _stairs(0.15), Level(length=1.0), _stairs(-0.15), Level()),
@@ -59,7 +68,7 @@ def ground(name: str, seed: int) -> Terrain:
     check_known("no ground", name, GROUNDS)
     floor = 0.005 if name in DRILL_GROUNDS else 0.0
     course = Course(kind=name, segments=GROUNDS[name], width=WIDTH_M, floor_m=floor)
-    return replace(course.terrain(Draws(np.random.default_rng(seed))), finish_x=FINISH_X)
+    return replace(course.terrain(RandomSizes(np.random.default_rng(seed))), finish_x=FINISH_X)
 
 
 def drill_ground(name: str, seed: int) -> Terrain:
@@ -73,4 +82,4 @@ def drill_ground(name: str, seed: int) -> Terrain:
     course = Course(
         kind=name, segments=(segment,), width=_DRILL_M, floor_m=0.005, margin_m=_BESIDE_M
     )
-    return course.terrain(Draws(np.random.default_rng(seed)))
+    return course.terrain(RandomSizes(np.random.default_rng(seed)))

@@ -9,7 +9,7 @@ import numpy as np
 from saltus.drive.wish import Wish
 from saltus.policy.evaluation.walks import Operator, WalkStep
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
-from saltus.sim.state import PlantState
+from saltus.sim.plant_state import PlantState
 from saltus.trial import is_upright
 from saltus.wire.messages import CommandMode, ControllerMode
 
@@ -24,12 +24,14 @@ HEADING_GAIN = MIDDLE_GAIN = 0.5
 training's."""
 MOST_TURN_RPS = 1.0
 
-Cause = Literal["", "trunk_contact", "not_upright", "stopped", "left", "time_limit", "too_far"]
-Run = Callable[[Operator], Iterator[WalkStep]]
+WalkEndCause = Literal[
+    "", "trunk_contact", "not_upright", "stopped", "left", "time_limit", "too_far"
+]
+WalkRun = Callable[[Operator], Iterator[WalkStep]]
 """A robot, told by an operator, step by step."""
 
 
-def failure(step: WalkStep) -> Cause:
+def failure(step: WalkStep) -> WalkEndCause:
     """Reason for which a robot cannot go on after a step; empty where it can."""
     if step.touched:
         return "trunk_contact"

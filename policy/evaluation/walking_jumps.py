@@ -7,11 +7,12 @@ import numpy as np
 
 from saltus.drive.wish import Wish
 from saltus.errors import check_known
-from saltus.policy.evaluation.walking_errands import Errand
-from saltus.policy.evaluation.walking_judge import Cause, Run, failure, yaw_of
+from saltus.policy.evaluation.walking_errands import ErrandResult
+from saltus.policy.evaluation.walking_judge import WalkEndCause, WalkRun, failure, yaw_of
 from saltus.policy.mover import MOST_TURN_RPS
-from saltus.sim.state import PlantState
-from saltus.terrain.segments import Ditch, Draws, Level, Segment, Stairs
+from saltus.sim.plant_state import PlantState
+from saltus.terrain.course_segments import CourseSegment, Ditch, Level, RandomSizes, Stairs
+from saltus.terrain.course_way import CourseWay
 from saltus.terrain.terrain import (
     FINISH_AFTER_COURSE,
     FIRST_EDGE_X,
@@ -20,12 +21,11 @@ from saltus.terrain.terrain import (
     TRENCH_DEPTH,
     Terrain,
 )
-from saltus.terrain.way import Way
 from saltus.trial import TIME_LIMIT_S
 from saltus.wire.messages import CommandMode, ControllerMode
 
 _STONES = (Ditch(length=(0.1, 0.5), depth=TRENCH_DEPTH), Level(length=0.5))
-JUMPED: dict[str, tuple[Segment, ...]] = {
+JUMPED: dict[str, tuple[CourseSegment, ...]] = {
     "plain": (Level(length=4.0),),
     "stairs": (Stairs(steps=14, rise=0.20, run=0.25),),
     "stones": _STONES * 8,
@@ -43,7 +43,7 @@ HELD_S = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Angles:
+class JumpAngles:
     """Angles of a jump, to the left positive [deg]."""
 
     askew_deg: float = 0.0
@@ -58,7 +58,10 @@ def jumped_ground(name: str, seed: int, askew_deg: float = 0.0) -> Terrain:
     `ConfigError` where there is none.
     """
     check_known("no ground to jump over", name, JUMPED)
-    way, draws = Way(width=WIDTH_M, yaw=math.radians(askew_deg)), Draws(np.random.default_rng(seed))
+    way, draws = (
+        CourseWay(width=WIDTH_M, yaw=math.radians(askew_deg)),
+        RandomSizes(np.random.default_rng(seed)),
+    )
     way.go(GROUND_START_X)
     for segment in (Level(length=FIRST_EDGE_X - GROUND_START_X), *JUMPED[name]):
         segment.lay(way, draws)
@@ -67,7 +70,7 @@ def jumped_ground(name: str, seed: int, askew_deg: float = 0.0) -> Terrain:
     return Terrain(kind=name, boxes=way.boxes(_FLOOR_M, 0.0), finish_x=finish)
 
 
-def jump(run: Run, seed: int, angles: Angles, finish_m: float) -> Errand:
+def jump(run: WalkRun, seed: int, angles: JumpAngles, finish_m: float) -> ErrandResult:
     """Lets a robot jump as far in the direction of the ground, in a heading that it is told."""
     askew, told = math.radians(angles.askew_deg), math.radians(angles.heading_deg)
     direction, goes_s = np.array([math.cos(askew), math.sin(askew)]), math.nan
@@ -86,8 +89,8 @@ def jump(run: Run, seed: int, angles: Angles, finish_m: float) -> Errand:
             goes_s = step.time_s if step.mode == ControllerMode.RUN else math.nan
         if step.time_s - goes_s <= HELD_S:
             error = abs(math.degrees(math.remainder(yaw - first - told, 2.0 * math.pi)))
-        cause: Cause = failure(step) or ("time_limit" if step.time_s > TIME_LIMIT_S else "")
+        cause: WalkEndCause = failure(step) or ("time_limit" if step.time_s > TIME_LIMIT_S else "")
         if cause or ahead >= finish_m:
             break
     figures = {"heading_deg": error, "time_s": step.time_s - goes_s}
-    return Errand(seed=seed, cause=cause, figures=figures)
+    return ErrandResult(seed=seed, cause=cause, figures=figures)

@@ -8,20 +8,20 @@ import numpy as np
 
 from saltus.errors import check_known
 from saltus.terrain.course import Course
-from saltus.terrain.segments import (
-    Draws,
+from saltus.terrain.course_segments import (
+    CourseSegment,
     Hurdles,
     Level,
     Ramp,
+    RandomSizes,
     Rubble,
-    Segment,
     Stairs,
     Stones,
     Turn,
 )
 from saltus.terrain.terrain import Terrain
 
-Place = tuple[float, float]
+RoutePoint = tuple[float, float]
 
 _FLOOR_M = 0.005  # two boxes of one height would double every contact
 _PART_M = 2.7  # about the length of a part of a drawn course
@@ -29,7 +29,7 @@ _PARTS = 8
 _SLOPE = _PART_M * math.tan(math.radians(20.0))
 _UNEVEN_M, _RUN_M = (0.05, 0.20), (0.25, 0.40)
 COURSE_WIDTH_M = 2.0
-PARTS: dict[str, tuple[Segment, ...]] = {
+PARTS: dict[str, tuple[CourseSegment, ...]] = {
     "rubble": (
         Rubble(
             length=_PART_M, count=round(4.7 * _PART_M * COURSE_WIDTH_M), side=(0.15, 0.6),
@@ -53,11 +53,11 @@ _GOALS, _BETWEEN_M, _RIM_M = 5, (7.0, 9.0), 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Route:
+class WalkRoute:
     """A ground and the goals on it, in the order in which they are to be reached."""
 
     terrain: Terrain
-    goals: tuple[Place, ...]
+    goals: tuple[RoutePoint, ...]
     """World x and y [m]; the robot starts at x = 0, y = 0."""
     width_m: float
     """A robot further from the straight lines between goals than half of it has left its way."""
@@ -68,7 +68,7 @@ class Route:
         return float(np.linalg.norm(np.diff([(0.0, 0.0), *self.goals], axis=0), axis=1).sum())
 
 
-def _landing(rng: np.random.Generator) -> Route:
+def _landing(rng: np.random.Generator) -> WalkRoute:
     side = float(rng.choice((-1.0, 1.0)))
     return _of_course(
         (Level(length=0.5), *_LANDING, Turn(angle=side * 0.5 * math.pi), *_LANDING, Level()),
@@ -76,9 +76,9 @@ def _landing(rng: np.random.Generator) -> Route:
     )  # fmt: skip
 
 
-def _course(rng: np.random.Generator) -> Route:
+def _course(rng: np.random.Generator) -> WalkRoute:
     """A course whose two corners lead to one side and back; each part and corner ends at a goal."""
-    side, segments, ends = float(rng.choice((-1.0, 1.0))), list[Segment](), list[int]()
+    side, segments, ends = float(rng.choice((-1.0, 1.0))), list[CourseSegment](), list[int]()
     for i, name in enumerate(rng.choice(list(PARTS), _PARTS)):
         if i in (3, 6):
             angle = side * float(rng.uniform(0.5, 0.5 * math.pi))
@@ -91,16 +91,16 @@ def _course(rng: np.random.Generator) -> Route:
 
 
 def _of_course(
-    segments: tuple[Segment, ...], width: float, rng: np.random.Generator, kind: str
-) -> Route:
+    segments: tuple[CourseSegment, ...], width: float, rng: np.random.Generator, kind: str
+) -> WalkRoute:
     course = Course(kind=kind, segments=segments, width=width, floor_m=_FLOOR_M)
     seed = int(rng.integers(2**32))
-    terrain = course.terrain(Draws(np.random.default_rng(seed)))
-    goals = tuple(course.ends(Draws(np.random.default_rng(seed))))
-    return Route(terrain=terrain, goals=goals, width_m=width)
+    terrain = course.terrain(RandomSizes(np.random.default_rng(seed)))
+    goals = tuple(course.ends(RandomSizes(np.random.default_rng(seed))))
+    return WalkRoute(terrain=terrain, goals=goals, width_m=width)
 
 
-def _arena(rng: np.random.Generator) -> Route:
+def _arena(rng: np.random.Generator) -> WalkRoute:
     """A field of rubble and goals 7 to 9 m from each other, 40 m in all on average."""
     blocks = Rubble(
         length=_FIELD_M, count=_BLOCKS, side=(0.15, 0.6), height=(0.01, 0.15), tilt=0.15
@@ -108,17 +108,17 @@ def _arena(rng: np.random.Generator) -> Route:
     field = Course(
         kind="arena", segments=(blocks,), width=_FIELD_M, floor_m=_FLOOR_M, margin_m=_BESIDE_M
     )
-    goals, here = list[Place](), np.zeros(2)
+    goals, here = list[RoutePoint](), np.zeros(2)
     while len(goals) < _GOALS:
         way, heading = rng.uniform(*_BETWEEN_M), rng.uniform(-math.pi, math.pi)
         there = here + way * np.array([math.cos(heading), math.sin(heading)])
         if _RIM_M < there[0] < _FIELD_M and abs(there[1]) < 0.5 * _FIELD_M - _RIM_M:
             goals.append((float(there[0]), float(there[1])))
             here = there
-    return Route(terrain=field.terrain(Draws(rng)), goals=tuple(goals), width_m=_BESIDE_M)
+    return WalkRoute(terrain=field.terrain(RandomSizes(rng)), goals=tuple(goals), width_m=_BESIDE_M)
 
 
-ROUTES: dict[str, Callable[[np.random.Generator], Route]] = {
+ROUTES: dict[str, Callable[[np.random.Generator], WalkRoute]] = {
     "landing": _landing, "course": _course, "arena": _arena,
 }  # fmt: skip
 """Landing: 7 steps of 0.15 by 0.28 m, a landing of 1.5 m with a turn by 90 degrees to either side,
@@ -127,7 +127,7 @@ in 12 m by 12 m of rubble, 2.8 blocks a square metre up to 0.15 m high.
 """
 
 
-def route(name: str, seed: int) -> Route:
+def route(name: str, seed: int) -> WalkRoute:
     """A route by its name, drawn by a seed; `ConfigError` where there is none."""
     check_known("no route", name, ROUTES)
     return ROUTES[name](np.random.default_rng(seed))

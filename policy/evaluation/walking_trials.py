@@ -12,39 +12,39 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from saltus.controller.tick import CompiledTick
+from saltus.controller.tick import CompiledTickLaw
 from saltus.drive.wish import Wish
 from saltus.named_setup import named_setups
 from saltus.policy.evaluation.evaluate import success_interval
-from saltus.policy.evaluation.walking_conditions import Conditions
-from saltus.policy.evaluation.walking_drill import Drill, drill, drill_row
-from saltus.policy.evaluation.walking_errands import Errand, errand_row, follow, line, stop
+from saltus.policy.evaluation.walking_conditions import WalkConditions
+from saltus.policy.evaluation.walking_drill import DrillResult, drill, drill_row
+from saltus.policy.evaluation.walking_errands import ErrandResult, errand_row, follow, line, stop
 from saltus.policy.evaluation.walking_grounds import FINISH_X, WIDTH_M, drill_ground, ground
 from saltus.policy.evaluation.walking_judge import (
     BEGINS_S,
     SLACK,
-    Cause,
-    Run,
+    WalkEndCause,
+    WalkRun,
     along,
     drawn_speed,
     failure,
     median,
 )
-from saltus.policy.evaluation.walking_jumps import Angles, jump, jumped_ground
+from saltus.policy.evaluation.walking_jumps import JumpAngles, jump, jumped_ground
 from saltus.policy.evaluation.walking_routes import route
-from saltus.policy.evaluation.walks import HeightSourceFactory, Operator, WalkStep, walk
+from saltus.policy.evaluation.walks import Operator, RobotHeightSourceFactory, WalkStep, walk
 from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.joints.walker import Walker
 from saltus.policy.mover import FeetLines, Jumper, Mover
 from saltus.policy.planner import jumping_grid, jumping_planner
 from saltus.setup import Setup
-from saltus.sim.state import PlantState
+from saltus.sim.plant_state import PlantState
 from saltus.terrain.terrain import Terrain
-from saltus.workers import Listener, in_order, tell
+from saltus.workers import WorkerListener, in_order, tell
 
 SEEDS_AT_A_TIME = 5
 
-Kind = Literal["cross", "drill", "route", "stop", "line", "jump", "jump_stop"]
+WalkTrialKind = Literal["cross", "drill", "route", "stop", "line", "jump", "jump_stop"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,8 +57,8 @@ class WalkTrials:
     """The policy: an ONNX file, or a TOML file about somebody else's."""
     camera: str = "d435i"
     profile: str = "shipped"
-    conditions: Conditions = field(default_factory=Conditions)
-    angles: Angles = field(default_factory=Angles)
+    conditions: WalkConditions = field(default_factory=WalkConditions)
+    angles: JumpAngles = field(default_factory=JumpAngles)
 
     def setup(self, terrain: Terrain, seed: int) -> Setup:
         """The robot of a trial."""
@@ -69,25 +69,27 @@ class WalkTrials:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Crossing:
+class CrossingResult:
     """One robot that was to cross a ground."""
 
     seed: int
     speed_mps: float
     """As commanded."""
-    cause: Cause
+    cause: WalkEndCause
     """Reason why it did not; empty where it did."""
     distance_m: float
     time_s: float
     """From `BEGINS_S` to the end."""
 
 
-Result = Crossing | Drill | Errand
-Try = Callable[[Run, int], Result]
+WalkTrialResult = CrossingResult | DrillResult | ErrandResult
+WalkTrialRun = Callable[[WalkRun, int], WalkTrialResult]
 """Leads a robot through something, by a seed, and judges it."""
 
 
-def prepared(kind: Kind, name: str, seed: int, angles: Angles) -> tuple[Terrain, Try]:
+def prepared(
+    kind: WalkTrialKind, name: str, seed: int, angles: JumpAngles
+) -> tuple[Terrain, WalkTrialRun]:
     """The ground of a trial and what is done on it; `ConfigError` where there is no such ground."""
     if kind == "jump":
         terrain = jumped_ground(name, seed, angles.askew_deg)
@@ -105,22 +107,22 @@ def prepared(kind: Kind, name: str, seed: int, angles: Angles) -> tuple[Terrain,
 
 
 @dataclass(frozen=True, kw_only=True)
-class Task:
+class WalkTrialTask:
     """Some trials for one process."""
 
-    kind: Kind
+    kind: WalkTrialKind
     ground: str
     seeds: tuple[int, ...]
-    source: HeightSourceFactory
+    source: RobotHeightSourceFactory
 
-    def run(self, trials: WalkTrials) -> list[Result]:
+    def run(self, trials: WalkTrials) -> list[WalkTrialResult]:
         """Runs them one after the other."""
-        results: list[Result] = []
+        results: list[WalkTrialResult] = []
         policy, tick = JointPolicy(trials.model), None
         for seed in self.seeds:
             terrain, attempt = prepared(self.kind, self.ground, seed, trials.angles)
             setup = trials.setup(terrain, seed)
-            tick = tick or CompiledTick(setup.robot)
+            tick = tick or CompiledTickLaw(setup.robot)
             places = setup.grid.places_of(policy.description.height_grid())
             movers: list[Mover] = [Walker(setup.robot, policy, places)]
             if self.kind in ("jump", "jump_stop"):
@@ -138,21 +140,26 @@ class Task:
 
 
 def tasks(
-    kind: Kind, names: Sequence[str], source: HeightSourceFactory, seeds: Sequence[int]
-) -> list[Task]:
+    kind: WalkTrialKind,
+    names: Sequence[str],
+    source: RobotHeightSourceFactory,
+    seeds: Sequence[int],
+) -> list[WalkTrialTask]:
     """Trials of some grounds, split up for several processes."""
     parts = [tuple(seeds[i : i + SEEDS_AT_A_TIME]) for i in range(0, len(seeds), SEEDS_AT_A_TIME)]
     return [
-        Task(kind=kind, ground=name, seeds=part, source=source) for name in names for part in parts
+        WalkTrialTask(kind=kind, ground=name, seeds=part, source=source)
+        for name in names
+        for part in parts
     ]
 
 
 def run_tasks(
     trials: WalkTrials,
-    todo: Sequence[Task],
+    todo: Sequence[WalkTrialTask],
     processes: int | None = None,
-    listener: Listener | None = None,
-) -> list[list[Result]]:
+    listener: WorkerListener | None = None,
+) -> list[list[WalkTrialResult]]:
     """The results of each task; `listener` is told of each trial."""
     return list(in_order(_Runner(trials), todo, processes, listener))
 
@@ -161,11 +168,11 @@ def run_tasks(
 class _Runner:
     trials: WalkTrials
 
-    def __call__(self, task: Task) -> list[Result]:
+    def __call__(self, task: WalkTrialTask) -> list[WalkTrialResult]:
         return task.run(self.trials)
 
 
-def cross(run: Run, seed: int) -> Crossing:
+def cross(run: WalkRun, seed: int) -> CrossingResult:
     """Leads a robot over ten metres; the seed draws the speed."""
     speed = drawn_speed(seed)
     limit_s = BEGINS_S + SLACK * FINISH_X / speed
@@ -183,13 +190,13 @@ def cross(run: Run, seed: int) -> Crossing:
             cause = "time_limit"
         if cause or x >= FINISH_X:
             break
-    return Crossing(
+    return CrossingResult(
         seed=seed, speed_mps=speed, cause=cause, distance_m=float(x),
         time_s=step.time_s - BEGINS_S,
     )  # fmt: skip
 
 
-def crossing_row(results: Sequence[Crossing]) -> dict[str, Any]:
+def crossing_row(results: Sequence[CrossingResult]) -> dict[str, Any]:
     """The figures of one ground."""
     crossed = [each for each in results if not each.cause]
     speeds = [FINISH_X / each.time_s / each.speed_mps for each in crossed]
@@ -204,7 +211,7 @@ def crossing_row(results: Sequence[Crossing]) -> dict[str, Any]:
     }
 
 
-ROWS: dict[Kind, Callable[..., dict[str, Any]]] = {
+ROWS: dict[WalkTrialKind, Callable[..., dict[str, Any]]] = {
     "cross": crossing_row, "drill": drill_row,
     "route": errand_row, "stop": errand_row, "line": errand_row,
     "jump": errand_row, "jump_stop": errand_row,

@@ -5,24 +5,24 @@ from dataclasses import dataclass
 from itertools import count
 
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
-from saltus.controller.loop import ControlLoop
+from saltus.controller.control_loop import ControlLoop
 from saltus.controller.robot.mujoco import MujocoRobot
-from saltus.controller.tick import Tick
+from saltus.controller.tick import TickLaw
 from saltus.drive.wish import Wish
 from saltus.loop.heights import true_heightmap, true_heights
 from saltus.loop.loop import Pushes
 from saltus.policy.mover import Mover
 from saltus.policy.process import PlannerProcess
 from saltus.setup import Setup
-from saltus.sim.state import PlantState
+from saltus.sim.plant_state import PlantState
 from saltus.wire.messages import AnyPlan, ControllerMode, Heightmap, RobotState
 
 TICK_NS = round(1e9 * PHYSICS_DT)
 STEP_NS = TICK_NS * POLICY_STEPS
 
-HeightSource = Callable[[RobotState, PlantState], Heightmap]
+RobotHeightSource = Callable[[RobotState, PlantState], Heightmap]
 """Tells the heights of a state of one robot, which is asked for once a policy step."""
-HeightSourceFactory = Callable[[Setup], HeightSource]
+RobotHeightSourceFactory = Callable[[Setup], RobotHeightSource]
 """Makes it; can be sent to another process."""
 Operator = Callable[[float, PlantState], Wish]
 """Commands a robot that it sees: by the time of the run [s] and the robot's true state."""
@@ -43,7 +43,7 @@ class WalkStep:
 
 
 class TrueHeightSource:
-    """Heights as they are; see `HeightSource`."""
+    """Heights as they are; see `RobotHeightSource`."""
 
     def __init__(self, setup: Setup) -> None:
         self._setup = setup
@@ -59,9 +59,9 @@ class TrueHeightSource:
 def walk(
     setup: Setup,
     movers: Sequence[Mover],
-    source: HeightSource,
+    source: RobotHeightSource,
     operator: Operator,
-    tick: Tick,
+    tick: TickLaw,
     push_ns: float = 0.0,
 ) -> Iterator[WalkStep]:
     """Runs a robot step by step, for as long as it is asked to.

@@ -12,13 +12,13 @@ from typing import Literal
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.config import Value, check_between
+from saltus.config import TomlValue, check_between
 from saltus.dialects import DIALECTS, Dialect
 from saltus.errors import ConfigError, check_known
 from saltus.grid import HeightGrid, load_grid
 from saltus.robots.robot import JOINTS
 
-PartName = Literal[
+ObservationPartName = Literal[
     "linear_velocity",
     "angular_velocity",
     "gravity",
@@ -32,10 +32,10 @@ _VECTORS = ("linear_velocity", "angular_velocity", "gravity", "command")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Part(Value):
-    """One part of a policy's vector; meanings and frames are those of `Sensed`."""
+class ObservationPart(TomlValue):
+    """One part of a policy's vector; meanings and frames are those of `SensorArrays`."""
 
-    name: PartName
+    name: ObservationPartName
     clip: float = math.inf
     """Cuts off each number beyond this, to either side; before the scale."""
     scale: float | tuple[float, ...] = 1.0
@@ -46,7 +46,7 @@ class Part(Value):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PolicyDescription(Value):
+class PolicyDescription(TomlValue):
     """A policy's observation, its pose and gains.
 
     Joint arrays are in the order of `joints`, the policy's own.
@@ -60,7 +60,7 @@ class PolicyDescription(Value):
     """Name of the robot for which the policy was trained."""
     model: str = ""
     """ONNX file beside the TOML file; empty in a description that lies in one itself."""
-    observation: tuple[Part, ...]
+    observation: tuple[ObservationPart, ...]
     """Parts of the vector, in order."""
     joints: tuple[str, ...] = JOINTS
     """Names of the joints in the policy's order; "_joint" at the end may be left out."""
@@ -147,7 +147,7 @@ class PolicyDescription(Value):
         """A command within the range that the policy knows, shape (3,)."""
         return np.clip(np.asarray(velocity, np.float64), self.command_low, self.command_high)
 
-    def _size_of(self, part: Part) -> int:
+    def _size_of(self, part: ObservationPart) -> int:
         if part.name in _VECTORS:
             return 3
         return self.height_grid().size if part.name == "heights" else len(JOINTS)

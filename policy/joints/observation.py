@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.arrays import Array, Constant, Floats, Joints, Places, Points, namespace
-from saltus.policy.joints.description import Part, PolicyDescription
+from saltus.policy.joints.description import ObservationPart, PolicyDescription
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import JOINTS, Robot
 
@@ -53,7 +53,7 @@ class ObservationMaker:
         told = [self._told(part, self._value(part, given)) for part in self._parts]
         return namespace(given.gravity).concat(told, axis=-1).clip(-LIMIT, LIMIT)
 
-    def _value(self, part: Part, given: WalkerReadings) -> Array:
+    def _value(self, part: ObservationPart, given: WalkerReadings) -> Array:
         if part.name == "joint_position":
             offset = given.joint_position - self._pose.like(given.joint_position)
             return self._ordered(offset)
@@ -63,7 +63,7 @@ class ObservationMaker:
             return self._dialect.observation(given.heights, self._grid)
         return getattr(given, part.name)
 
-    def _told(self, part: Part, value: Array) -> Array:
+    def _told(self, part: ObservationPart, value: Array) -> Array:
         if part.clip < np.inf:
             value = value.clip(-part.clip, part.clip)
         return value if part.scale == 1.0 else value * self._scales[part.name].like(value)

@@ -15,7 +15,7 @@ from saltus.policy.joints.observation import (
     standing_height,
 )
 from saltus.policy.joints.policy import JointPolicy
-from saltus.policy.mover import Decision, Velocity
+from saltus.policy.mover import PlannerDecision, Velocity
 from saltus.robots.robot import JOINTS, Robot
 from saltus.rotations import rotation_matrix
 from saltus.states import standing_state
@@ -64,7 +64,7 @@ class Walker:
         self._stopping_ns: int | None = None
         self._footing: Footing | None = None
 
-    def plan(self, decision: Decision) -> JointPlan:
+    def plan(self, decision: PlannerDecision) -> JointPlan:
         """See `saltus.policy.mover.Mover.plan`."""
         state = decision.state
         if any(decision.velocity):

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from saltus.policy.tables import append_table, read_table
+from saltus.policy.csv_tables import append_table, read_table
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,7 +12,7 @@ from saltus.errors import ConfigError, ModelError, SaltusError
 from saltus.files import atomic_write, check_archive
 from saltus.model_file import ModelFile
 from saltus.onnx_export import weights_of
-from saltus.policy.env.settings import TrainSettings
+from saltus.policy.env.settings import JumpTrainSettings
 
 if TYPE_CHECKING:
     from rsl_rl.models import MLPModel
@@ -59,10 +59,10 @@ def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str,
 
 
 @overload
-def config_of(state: Mapping[str, Any]) -> TrainSettings: ...
+def config_of(state: Mapping[str, Any]) -> JumpTrainSettings: ...
 @overload
 def config_of(state: Mapping[str, Any], kind: type[Config]) -> Config: ...
-def config_of(state: Mapping[str, Any], kind: type[Any] = TrainSettings) -> Any:
+def config_of(state: Mapping[str, Any], kind: type[Any] = JumpTrainSettings) -> Any:
     """The configuration of a training, from what its checkpoint holds;
     `SaltusError` if it is another program's.
     """

@@ -14,7 +14,7 @@ from saltus.errors import SaltusError
 from saltus.flags import shown
 from saltus.folders import differences
 from saltus.gpu import has_gpu
-from saltus.policy.env.settings import LARGEST, TrainSettings, for_cpu, for_gpu
+from saltus.policy.env.settings import LARGEST, JumpTrainSettings, for_cpu, for_gpu
 from saltus.policy.training.files import CHECKPOINT
 from saltus.policy.training.training_command import TrainingCommand
 from saltus.robots.loading import load_robot
@@ -42,9 +42,9 @@ class Train(TrainingCommand):
 
     evaluate_minutes: Annotated[float | None, shown("FLOAT", "3 beside a GPU, 0 on a CPU")] = None
     """Time between evaluations with the deployed stack, which run beside the training; 0: none."""
-    training: Annotated[TrainSettings, tyro.conf.arg(name="")]
+    training: Annotated[JumpTrainSettings, tyro.conf.arg(name="")]
 
-    def usual(self) -> TrainSettings:
+    def usual(self) -> JumpTrainSettings:
         """Settings of the device where nothing is given and no training goes on."""
         usual = for_cpu if self.device == "cpu" or not has_gpu() else for_gpu
         return usual(self.training.robot, self.training.grid)
@@ -105,7 +105,7 @@ class Train(TrainingCommand):
             raise
 
 
-def _note(basis: TrainSettings, now: TrainSettings, what: str) -> str:
+def _note(basis: JumpTrainSettings, now: JumpTrainSettings, what: str) -> str:
     found = [
         f"{d.name} = {d.now} (there {d.before})" for d in differences(asdict(basis), asdict(now))
     ]

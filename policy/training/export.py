@@ -16,8 +16,8 @@ from saltus.model_file import ModelFile
 from saltus.onnx_export import round_to_half, write_onnx
 from saltus.policy.actor import FORMAT, PolicyActor
 from saltus.policy.bounds import ACTIONS, ActionBounds
-from saltus.policy.env.settings import TrainSettings
-from saltus.policy.features import layout, size_with
+from saltus.policy.env.settings import JumpTrainSettings
+from saltus.policy.policy_features import layout, size_with
 from saltus.policy.training.checkpoint import (
     NETWORK,
     config_of,
@@ -99,7 +99,7 @@ def read_policy(path: Path) -> dict[str, object]:
     return state | {"actor_state_dict": exported_actor(_actor(config_of(state)), file)}
 
 
-def _actor(config: TrainSettings) -> MLPModel:
+def _actor(config: JumpTrainSettings) -> MLPModel:
     like = TensorDict(
         {"policy": torch.zeros(1, size_with(load_grid(config.grid), config.env.past_steps))},
         batch_size=[1],

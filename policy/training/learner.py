@@ -14,7 +14,7 @@ from tensordict import TensorDict
 from saltus.errors import SaltusError
 from saltus.model_file import ModelFile
 from saltus.policy.bounds import ACTIONS, ActionBounds
-from saltus.policy.env.env import JumpEnv
+from saltus.policy.env.jump_env import JumpEnv
 from saltus.policy.env.settings import LearningSettings
 from saltus.policy.env.training_env import TrainingEnv, Transition
 from saltus.policy.training.checkpoint import (

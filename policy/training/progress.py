@@ -7,10 +7,10 @@ from pathlib import Path
 import torch
 from torch.utils.tensorboard import SummaryWriter
 
-from saltus.policy.env.env import JumpEnv
+from saltus.policy.csv_tables import append_table
 from saltus.policy.env.episode import TALLY
-from saltus.policy.env.rewards import TERMS
-from saltus.policy.tables import append_table
+from saltus.policy.env.jump_env import JumpEnv
+from saltus.policy.env.jump_rewards import TERMS
 from saltus.policy.training.files import PROGRESS
 from saltus.policy.training.learner import Learner
 

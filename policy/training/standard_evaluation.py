@@ -19,12 +19,17 @@ import numpy as np
 from saltus.config import TerrainConfig
 from saltus.loop.heights import shifted_heights
 from saltus.model_file import ModelFile
-from saltus.policy.evaluation.evaluate import Evaluation, EvaluationResult, merged, run_batch
+from saltus.policy.evaluation.evaluate import (
+    EvaluationResult,
+    EvaluationSettings,
+    merged,
+    run_batch,
+)
 from saltus.policy.planner import make_planner
 from saltus.policy.training.background_evaluation import EvaluationRow, append_rows, summary
+from saltus.terrain.course_law import PAPER
 from saltus.terrain.curriculum import make_terrain
-from saltus.terrain.law import PAPER
-from saltus.terrain.own import own_families
+from saltus.terrain.own_families import own_families
 from saltus.tuning import stand_back
 from saltus.workers import in_order
 
@@ -96,7 +101,7 @@ def evaluate_checkpoint(
 
 
 def _results(robot: str, grid: str, model: Path, trials: int, course: str) -> EvaluationResult:
-    evaluation = Evaluation(
+    evaluation = EvaluationSettings(
         robot=robot, grid=grid, course=course_of(course), trials=trials, seed=FIRST_SEED
     )
     seeds = range(FIRST_SEED, FIRST_SEED + trials)

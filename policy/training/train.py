@@ -20,8 +20,8 @@ from saltus.effects.profile import load_profile
 from saltus.gpu import has_gpu
 from saltus.grid import load_grid
 from saltus.model_file import ModelFile
-from saltus.policy.env.env import JumpEnv
-from saltus.policy.env.settings import EnvSettings, TrainSettings
+from saltus.policy.env.jump_env import JumpEnv
+from saltus.policy.env.settings import JumpEnvSettings, JumpTrainSettings
 from saltus.policy.training.learner import JumpLearner, Learner
 from saltus.policy.training.progress import JumpTally
 from saltus.policy.training.training_record import TrainingRecord
@@ -41,7 +41,7 @@ class Rank:
 
 
 def make_engine(
-    robot: Robot, count: int, config: EnvSettings, device: str, threads: int = 0
+    robot: Robot, count: int, config: JumpEnvSettings, device: str, threads: int = 0
 ) -> Engine:
     """The physics of an environment on a device, "cpu" or "cuda:N"."""
     dimensions = config.contact_dimensions(load_profile(config.profile, robot))
@@ -64,7 +64,7 @@ def engine_on(
 
 
 def train(
-    config: TrainSettings,
+    config: JumpTrainSettings,
     folder: Path,
     *,
     minutes: float,

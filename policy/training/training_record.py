@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from saltus.config import to_toml
-from saltus.policy.tables import carry_on
+from saltus.policy.csv_tables import carry_on
 from saltus.policy.training.background_evaluation import (
     BackgroundEvaluation,
     EvaluationRow,

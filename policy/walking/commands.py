@@ -6,13 +6,15 @@ turning follows from a heading.
 """
 
 from saltus.arrays import Array, ColumnNames, Places, Scalars, namespace
-from saltus.policy.walking.settings import CommandSettings
+from saltus.policy.walking.settings import VelocityCommandSettings
 
 DRAWS = ColumnNames(when=(), ahead=(), aside=(), turn=(), standing=())
 """Uniform random numbers of a command."""
 
 
-def draw_command(config: CommandSettings, wide: Array, draws: Array) -> tuple[Places, Array]:
+def draw_command(
+    config: VelocityCommandSettings, wide: Array, draws: Array
+) -> tuple[Places, Array]:
     """New commands.
 
     Args:
@@ -39,7 +41,12 @@ def draw_command(config: CommandSettings, wide: Array, draws: Array) -> tuple[Pl
 
 
 def followed(
-    config: CommandSettings, drawn: Places, wide: Array, standing: Array, y: Scalars, yaw: Scalars
+    config: VelocityCommandSettings,
+    drawn: Places,
+    wide: Array,
+    standing: Array,
+    y: Scalars,
+    yaw: Scalars,
 ) -> Places:
     """The command of this instant: nothing for who stands, elsewhere a turning to the heading.
 

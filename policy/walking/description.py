@@ -8,12 +8,12 @@ belongs to the network.
 from saltus.arrays import Floats
 from saltus.dialects import dialect_of
 from saltus.grid import SCAN
-from saltus.policy.joints.description import Part, PartName, PolicyDescription
+from saltus.policy.joints.description import ObservationPart, ObservationPartName, PolicyDescription
 from saltus.policy.walking.settings import WalkSettings
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import JOINTS, Robot
 
-LAYOUT: dict[PartName, int] = {
+LAYOUT: dict[ObservationPartName, int] = {
     "angular_velocity": 3,
     "gravity": 3,
     "command": 3,
@@ -35,7 +35,7 @@ def description_of(config: WalkSettings, robot: Robot) -> PolicyDescription:
     low, high = command.ahead_mps
     return PolicyDescription(
         robot=robot.name,
-        observation=tuple(Part(name=name) for name in LAYOUT),
+        observation=tuple(ObservationPart(name=name) for name in LAYOUT),
         pose_rad=tuple(walking_pose(robot, drives.height).tolist()),
         action_scale_rad=drives.scale,
         action_clip=drives.most,

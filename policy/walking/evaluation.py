@@ -14,9 +14,9 @@ from saltus.config import from_toml
 from saltus.policy.evaluation.tracking import tracking_errors
 from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.walking.description import POLICY_HZ
-from saltus.policy.walking.env import TALLY, WalkEnv
 from saltus.policy.walking.settings import WalkSettings, WalkTrainSettings
 from saltus.policy.walking.train import make_engine
+from saltus.policy.walking.walk_env import TALLY, WalkEnv
 from saltus.robots.loading import load_robot
 
 STRIDE = round(0.5 * POLICY_HZ)

@@ -5,8 +5,8 @@ from pathlib import Path
 from saltus.policy.training.learner import Learner
 from saltus.policy.training.progress import TallyReader, mean_rewards
 from saltus.policy.walking.description import POLICY_HZ
-from saltus.policy.walking.env import TALLY, WalkEnv
-from saltus.policy.walking.rewards import TERMS
+from saltus.policy.walking.walk_env import TALLY, WalkEnv
+from saltus.policy.walking.walk_rewards import TERMS
 
 
 class WalkTally(TallyReader):

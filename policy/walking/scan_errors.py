@@ -2,7 +2,7 @@
 
 The error of a point lasts: it is a uniform number, times the spread of points that were seen, or
 of those that were not. It changes at random where the robot has moved, on average every
-`ScanSettings.change_m`: who stands goes on seeing what it saw.
+`ScanErrorSettings.change_m`: who stands goes on seeing what it saw.
 """
 
 import math
@@ -10,7 +10,7 @@ import math
 from saltus.arrays import Array, Constant, Points, Scalars, namespace
 from saltus.grid import SCAN
 from saltus.policy.walking.description import POLICY_HZ
-from saltus.policy.walking.settings import ScanSettings
+from saltus.policy.walking.settings import ScanErrorSettings
 
 _WIDTH = math.sqrt(3.0)  # half width of a uniform law by its standard deviation
 _STEP_M = 0.05  # way after which some errors change, half the scan's spacing: swaying is no way
@@ -20,7 +20,7 @@ _LEVER_M = 0.54  # mean distance of the scan's points: their way where it turns 
 class ScanErrors:
     """The law of the errors, for numpy and torch."""
 
-    def __init__(self, config: ScanSettings) -> None:
+    def __init__(self, config: ScanErrorSettings) -> None:
         self.config = config
         x, y = SCAN.points.T
         self._seen = Constant((x >= config.seen_x_m) & (abs(y) <= config.seen_y_m))

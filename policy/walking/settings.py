@@ -6,7 +6,7 @@ from saltus.config import check_between
 from saltus.errors import ConfigError
 from saltus.policy.env.randomisation import RandomisationSettings
 from saltus.policy.env.settings import LARGEST, MOST_ROBOTS, SMALLEST, LearningSettings
-from saltus.terrain.table import CourseTable
+from saltus.terrain.course_table import CourseTable
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,12 +58,12 @@ class GroundSettings:
 
     @property
     def table(self) -> CourseTable:
-        """The courses of all families, see `saltus.terrain.table`."""
+        """The courses of all families, see `saltus.terrain.course_table`."""
         return CourseTable.of(tuple(self.shares), self.levels, self.hardest, self.boxes)
 
 
 @dataclass(frozen=True, kw_only=True)
-class CommandSettings:
+class VelocityCommandSettings:
     """Velocities that are asked for, in the yaw frame of the base."""
 
     ahead_mps: tuple[float, float] = (-0.8, 1.2)
@@ -91,7 +91,7 @@ class CommandSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RewardSettings:
+class WalkRewardSettings:
     """Weight of each term, per second; IsaacLab's for the Go1 where nothing else is said."""
 
     linear_velocity: float = 1.5
@@ -120,7 +120,7 @@ class RewardSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScanSettings:
+class ScanErrorSettings:
     """Errors of heights, as of the shipped scan on the Go1's mount (models/scan.md)."""
 
     image_hz: float = 30.0
@@ -193,9 +193,9 @@ class WalkSettings:
     """Everything that shapes the task."""
 
     ground: GroundSettings = field(default_factory=GroundSettings)
-    command: CommandSettings = field(default_factory=CommandSettings)
-    reward: RewardSettings = field(default_factory=RewardSettings)
-    scan: ScanSettings = field(default_factory=ScanSettings)
+    command: VelocityCommandSettings = field(default_factory=VelocityCommandSettings)
+    reward: WalkRewardSettings = field(default_factory=WalkRewardSettings)
+    scan: ScanErrorSettings = field(default_factory=ScanErrorSettings)
     sensors: SensorSettings = field(default_factory=SensorSettings)
     drives: DriveSettings = field(default_factory=DriveSettings)
     randomisation: RandomisationSettings = field(default_factory=RandomisationSettings)

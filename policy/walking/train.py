@@ -9,10 +9,10 @@ from saltus.model_file import ModelFile
 from saltus.policy.training.learner import Learner
 from saltus.policy.training.train import Rank, engine_on, learn, paced, say
 from saltus.policy.training.training_record import TrainingRecord
-from saltus.policy.walking.env import WalkEnv
 from saltus.policy.walking.export import MODEL, export, make_actor
 from saltus.policy.walking.progress import WalkTally
 from saltus.policy.walking.settings import WalkTrainSettings
+from saltus.policy.walking.walk_env import WalkEnv
 from saltus.provenance import commit
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot

@@ -19,7 +19,7 @@ from saltus.files import write_whole
 from saltus.real2sim.cycle import trials
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
 from saltus.real2sim.cycle.settings import CycleSettings
-from saltus.real2sim.progress import Progress
+from saltus.real2sim.progress import ProgressListener
 from saltus.used_networks import ModelKind
 
 SEEDS_APART = 500_000
@@ -37,7 +37,7 @@ LEFT = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tally:
+class PairTally:
     """Trials of one pair of models on one course."""
 
     successes: int = 0
@@ -45,12 +45,12 @@ class Tally:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Choice:
+class ModelChoice:
     """How robots did with the trained models that a key names, and the other ones as shipped."""
 
     models: dict[str, str]
     """Name of each trained network by its kind."""
-    tallies: dict[str, dict[str, Tally]] = field(default_factory=dict)
+    tallies: dict[str, dict[str, PairTally]] = field(default_factory=dict)
     """By pairs of models ("heightmap+policy", "policy+drives", ..., "" for the shipped ones), and
     by course."""
 
@@ -72,13 +72,13 @@ class Choice:
         return tuple(kind for kind in MODELS if kind in self.best)
 
 
-def choose(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> Choice:
+def choose(folder: CycleFolder, settings: CycleSettings, tell: ProgressListener) -> ModelChoice:
     """Runs the trials that are still missing, and writes down what came of them."""
     trained = [kind for kind in MODELS if folder.model(kind) is not None]
     files = {kind: folder.model(kind) for kind in trained}
     names = trials.names_of(files, settings.loop.robot)
     known = read_choice(folder)
-    choice = known if known is not None and known.models == names else Choice(models=names)
+    choice = known if known is not None and known.models == names else ModelChoice(models=names)
     pairs = pairs_of(trained, with_drives=finds_drives(folder))
     done, total = 0.0, len(pairs) * len(trials.COURSES) * settings.choice_trials
 
@@ -91,7 +91,7 @@ def choose(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> Choi
         row = choice.tallies.setdefault("+".join(pair), {})
         models = {kind: folder.model(kind) if kind in pair else None for kind in MODELS}
         for course in trials.COURSES:
-            before = row.get(course, Tally())
+            before = row.get(course, PairTally())
             ran(before.trials)
             if (count := settings.choice_trials - before.trials) > 0:
                 seed = settings.seed + SEEDS_APART + before.trials
@@ -101,7 +101,7 @@ def choose(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> Choi
                     models, trials.trials_of(*robot, course, seed, count), ran
                 )
                 more = sum(not trial.failure for batch in batches for trial in batch.values())
-                row[course] = Tally(
+                row[course] = PairTally(
                     successes=before.successes + more, trials=settings.choice_trials
                 )
                 write_whole(folder.choice, json.dumps(asdict(choice)), synced=True)
@@ -127,10 +127,10 @@ def finds_drives(folder: CycleFolder) -> bool:
     return any(before.get(effect.name) != after.get(effect.name) for effect in KNOWN)
 
 
-def read_choice(folder: CycleFolder) -> Choice | None:
+def read_choice(folder: CycleFolder) -> ModelChoice | None:
     """Reads what was tried so far; None where nothing was."""
     return (
-        from_table(Choice, json.loads(folder.choice.read_text(encoding="utf-8")))
+        from_table(ModelChoice, json.loads(folder.choice.read_text(encoding="utf-8")))
         if folder.choice.exists()
         else None
     )
@@ -152,7 +152,7 @@ def known_after(folder: CycleFolder) -> Path:
     )
 
 
-def verdict(choice: Choice, kind: ModelKind) -> str:
+def verdict(choice: ModelChoice, kind: ModelKind) -> str:
     """Returns what became of a trained model, in words."""
     if kind in choice.taken:
         return "taken"

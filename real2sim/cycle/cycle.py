@@ -7,11 +7,11 @@ from typing import Protocol
 
 from saltus import gpu
 from saltus.files import write_whole
-from saltus.real2sim.cycle import choosing, elsewhere, finding, measuring, training, trials
+from saltus.real2sim.cycle import choosing, finding, measuring, remote_training, training, trials
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
 from saltus.real2sim.cycle.report import training_results, write_cycle_report
 from saltus.real2sim.cycle.settings import CycleSettings
-from saltus.real2sim.reporting.words import sentence
+from saltus.real2sim.reporting.verdict_text import sentence
 from saltus.used_networks import ModelKind
 
 NO_GPU = "as shipped: there was no GPU to train it on"
@@ -51,7 +51,7 @@ class CycleRun:
         """
         self._find()
         if export is not None:
-            elsewhere.export_training(self.folder, self.settings, export)
+            remote_training.export_training(self.folder, self.settings, export)
             self.observer.say(f"training is left to another machine: {export / 'README.md'}")
         else:
             self._train(take)
@@ -84,7 +84,7 @@ class CycleRun:
 
     def _train(self, take: Path | None) -> None:
         if take is not None:
-            taken = elsewhere.take_training(self.folder, self.settings, take)
+            taken = remote_training.take_training(self.folder, self.settings, take)
             before = training_results(self.folder) or dict.fromkeys(MODELS, "as shipped")
             self._trained(before | dict.fromkeys(taken, "trained elsewhere"))
         elif self.folder.trained.exists():

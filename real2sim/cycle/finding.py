@@ -16,10 +16,10 @@ from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.experiments.footage import FootageCamera
 from saltus.real2sim.experiments.menu import experiment_named
 from saltus.real2sim.experiments.run import run
-from saltus.real2sim.patch import Patch, load_patch
+from saltus.real2sim.patch import ProfilePatch, load_patch
 from saltus.real2sim.pipeline import find
-from saltus.real2sim.progress import Progress
-from saltus.real2sim.reporting.words import sentence
+from saltus.real2sim.progress import ProgressListener
+from saltus.real2sim.reporting.verdict_text import sentence
 from saltus.real2sim.results import Judgement
 from saltus.real2sim.search.findings import SignalGap
 from saltus.recordings.run_log import read_claims, write_run_log
@@ -58,7 +58,7 @@ def search_until_told(
     return look(logs), tuple(logs)
 
 
-def record_logs(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> list[Path]:
+def record_logs(folder: CycleFolder, settings: CycleSettings, tell: ProgressListener) -> list[Path]:
     """The logs to look at: one's own, or of experiments on the hidden robot; those there are stay.
 
     Raises:
@@ -77,7 +77,7 @@ def record_logs(folder: CycleFolder, settings: CycleSettings, tell: Progress) ->
     return [record(folder, settings, tell, name) for name in settings.experiments]
 
 
-def record(folder: CycleFolder, settings: CycleSettings, tell: Progress, name: str) -> Path:
+def record(folder: CycleFolder, settings: CycleSettings, tell: ProgressListener, name: str) -> Path:
     """Runs an experiment on the hidden robot, which claims the camera's latency that is known."""
     log = folder.logs / name
     if log.exists():
@@ -94,7 +94,7 @@ def record(folder: CycleFolder, settings: CycleSettings, tell: Progress, name: s
 
 
 def find_effects(
-    folder: CycleFolder, settings: CycleSettings, logs: Sequence[Path], tell: Progress
+    folder: CycleFolder, settings: CycleSettings, logs: Sequence[Path], tell: ProgressListener
 ) -> tuple[Judgement, Judgement | None]:
     """Searches the logs, adds what is found to what is known, and searches them again with it.
 
@@ -121,7 +121,7 @@ def find_effects(
 
 
 def apply_what_can_be(
-    patch: Patch, known: Profile, robot: Robot
+    patch: ProfilePatch, known: Profile, robot: Robot
 ) -> tuple[Profile, tuple[str, ...]]:
     """The profile with the effects of the patch that it can have,
     and a line for each that it cannot.
@@ -143,7 +143,7 @@ def not_applied(folder: CycleFolder) -> tuple[str, ...]:
 
 
 def _look(
-    out: Path, profile: Profile, seed: int, tell: Progress, name: str, logs: Sequence[Path]
+    out: Path, profile: Profile, seed: int, tell: ProgressListener, name: str, logs: Sequence[Path]
 ) -> Judgement:
     judged = find(
         logs,

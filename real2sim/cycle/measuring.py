@@ -9,12 +9,12 @@ from typing import Literal
 
 from saltus.config import from_table
 from saltus.files import write_whole
-from saltus.policy.evaluation.trace import Failure
+from saltus.policy.evaluation.trial_trace import FailureKind
 from saltus.real2sim.cycle.choosing import known_after, taken_models
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.cycle.trials import names_of, run_trials, trials_of
-from saltus.real2sim.progress import Progress
+from saltus.real2sim.progress import ProgressListener
 from saltus.used_networks import ModelKind
 
 When = Literal["before", "after"]
@@ -23,12 +23,12 @@ NOT_MEASURED = "before and after are not measured: no profile of the robot was g
 
 
 @dataclass(frozen=True, kw_only=True)
-class Measured:
+class MeasuredCourse:
     """Trials of one course with two models, by their seeds."""
 
     models: dict[str, str]
     """Name of each network by its kind."""
-    failures: dict[str, Failure]
+    failures: dict[str, FailureKind]
     """Failures of each seed; empty for a success."""
 
     @property
@@ -37,25 +37,25 @@ class Measured:
         return list(self.failures.values()).count("")
 
 
-def read_measurement(folder: CycleFolder, when: When, course: str) -> Measured | None:
+def read_measurement(folder: CycleFolder, when: When, course: str) -> MeasuredCourse | None:
     """Reads what was measured so far; None where nothing was."""
     path = _file(folder, when, course)
     return (
-        from_table(Measured, json.loads(path.read_text(encoding="utf-8")))
+        from_table(MeasuredCourse, json.loads(path.read_text(encoding="utf-8")))
         if path.exists()
         else None
     )
 
 
 def measure(
-    folder: CycleFolder, settings: CycleSettings, when: When, course: str, tell: Progress
-) -> Measured:
+    folder: CycleFolder, settings: CycleSettings, when: When, course: str, tell: ProgressListener
+) -> MeasuredCourse:
     """Runs the trials that are still missing of a course, and writes them down batch by batch."""
     models = models_of(folder, when)
     names = names_of(models, settings.loop.robot)
     known = read_measurement(folder, when, course)
     if known is None or known.models != names:  # of a training that was taken in another's place
-        known = Measured(models=names, failures={})
+        known = MeasuredCourse(models=names, failures={})
     done = float(len(known.failures))
 
     def ran(trials: float) -> None:

@@ -16,7 +16,7 @@ from markupsafe import Markup
 
 from saltus.heightmap.data.shards import read_records
 from saltus.policy.evaluation.evaluate import merged, success_interval
-from saltus.policy.evaluation.pictures import picture_strip
+from saltus.policy.evaluation.trial_pictures import picture_strip
 from saltus.provenance import commit
 from saltus.real2sim.cycle.choosing import DRIVES, read_choice, verdict
 from saltus.real2sim.cycle.finding import gaps_of, not_applied
@@ -25,7 +25,7 @@ from saltus.real2sim.cycle.hidden_and_found import TruthRow, rows_of
 from saltus.real2sim.cycle.measuring import (
     MOMENTS,
     NOT_MEASURED,
-    Measured,
+    MeasuredCourse,
     When,
     known_of,
     models_of,
@@ -34,12 +34,12 @@ from saltus.real2sim.cycle.measuring import (
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.cycle.trials import COURSES, run_trials, trials_of
 from saltus.real2sim.reporting.figures import gap_figure
-from saltus.real2sim.reporting.words import by_reason
+from saltus.real2sim.reporting.verdict_text import by_reason
 from saltus.reports.figures import BLUE, GREEN, GREY, RED, laid_out
 from saltus.reports.page import render, write_page
 from saltus.used_networks import ModelKind
 
-Courses = dict[str, dict[When, Measured]]
+MeasuredCourses = dict[str, dict[When, MeasuredCourse]]
 
 
 def results(folder: CycleFolder) -> dict[str, object]:
@@ -123,7 +123,7 @@ def write_cycle_report(folder: CycleFolder, settings: CycleSettings) -> None:
     write_page(folder.report, text)
 
 
-def _courses(folder: CycleFolder) -> Courses:
+def _courses(folder: CycleFolder) -> MeasuredCourses:
     """Returns what was measured so far."""
     pairs = {
         course: {when: read_measurement(folder, when, course) for when in MOMENTS}
@@ -150,7 +150,7 @@ def _verdict(found: Path) -> dict[str, Any] | None:
     return verdict
 
 
-def _headline(rows: list[TruthRow], hidden: list[TruthRow], courses: Courses) -> str:
+def _headline(rows: list[TruthRow], hidden: list[TruthRow], courses: MeasuredCourses) -> str:
     found = sum(row.found is not None for row in hidden)
     said = [
         f"{found} of {len(hidden)} hidden parameters found"
@@ -202,7 +202,7 @@ def _named(pair: str) -> str:
     return ", ".join(words)
 
 
-def _causes(trials: Measured) -> str:
+def _causes(trials: MeasuredCourse) -> str:
     causes = Counter(cause for cause in trials.failures.values() if cause)
     return (
         ", ".join(f"{count} {cause.replace('_', ' ')}" for cause, count in causes.most_common())
@@ -210,7 +210,9 @@ def _causes(trials: Measured) -> str:
     )
 
 
-def _pictures(folder: CycleFolder, settings: CycleSettings, courses: Courses) -> list[Markup]:
+def _pictures(
+    folder: CycleFolder, settings: CycleSettings, courses: MeasuredCourses
+) -> list[Markup]:
     """One trial before and after, on the course where most changed.
 
     There the first that failed before.
@@ -233,7 +235,7 @@ def _pictures(folder: CycleFolder, settings: CycleSettings, courses: Courses) ->
 def _strip(
     folder: CycleFolder,
     settings: CycleSettings,
-    trials: Measured,
+    trials: MeasuredCourse,
     when: When,
     course: str,
     seed: int,
@@ -274,7 +276,7 @@ def _number(value: float | None) -> str:
 COLOURS: dict[When, str] = {"before": RED, "after": BLUE}
 
 
-def success_figure(courses: Mapping[str, Mapping[When, Measured]]) -> go.Figure:
+def success_figure(courses: Mapping[str, Mapping[When, MeasuredCourse]]) -> go.Figure:
     """Share of trials that succeeded on each course before and after, with 95 % intervals."""
     figure = go.Figure()
     for when in MOMENTS:

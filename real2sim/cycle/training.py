@@ -16,7 +16,7 @@ from saltus.policy.training.command import Train
 from saltus.policy.training.files import CHECKPOINT
 from saltus.real2sim.cycle.folder import CycleFolder
 from saltus.real2sim.cycle.settings import CycleSettings
-from saltus.real2sim.progress import Progress
+from saltus.real2sim.progress import ProgressListener
 from saltus.resources import resource
 from saltus.used_networks import model_path
 
@@ -48,7 +48,7 @@ def shipped_checkpoint(kind: str) -> Path:
     return resource(f"models/{SHIPPED_FILES[kind]}")
 
 
-def collect_data(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> None:
+def collect_data(folder: CycleFolder, settings: CycleSettings, tell: ProgressListener) -> None:
     """Runs robots with the profile, the shipped predictor in the loop.
 
     Where a policy was trained it drives them, else the shipped one. With a GPU they run there, as
@@ -105,7 +105,7 @@ def device_collection(
     )  # fmt: skip
 
 
-def train_predictor(folder: CycleFolder, settings: CycleSettings, tell: Progress) -> None:
+def train_predictor(folder: CycleFolder, settings: CycleSettings, tell: ProgressListener) -> None:
     """Trains the shipped predictor on these data, as `saltus heightmap train` and `export`.
 
     Goes on where it was.

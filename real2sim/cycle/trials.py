@@ -7,10 +7,10 @@ from pathlib import Path
 from saltus.config import TerrainConfig
 from saltus.heightmap.data.predicted import PredictedHeightsFactory
 from saltus.heightmap.settings import ClosedLoop
-from saltus.policy.evaluation.evaluate import Evaluation, TrialResult, evaluate
+from saltus.policy.evaluation.evaluate import EvaluationSettings, TrialResult, evaluate
 from saltus.policy.planner import make_planner
 from saltus.used_networks import ModelKind, model_id, model_path
-from saltus.workers import Listener
+from saltus.workers import WorkerListener
 
 COURSES = {
     "stairs 0.20 m": TerrainConfig(terrain="stairs", rise_m=0.2),
@@ -30,12 +30,12 @@ def names_of(models: Mapping[ModelKind, Path | None], robot: str) -> dict[str, s
 
 def trials_of(
     loop: ClosedLoop, profile: Path, known: str, course: str, seed: int, count: int
-) -> Evaluation:
+) -> EvaluationSettings:
     """`count` trials of robots of a profile, the first with the seed.
 
     The leg controller makes up for what the profile `known` says of the drives.
     """
-    return Evaluation(
+    return EvaluationSettings(
         robot=loop.robot, grid=loop.grid, camera=loop.camera, course=COURSES[course], trials=count,
         seed=seed,
         profile=str(profile), known=known,
@@ -44,8 +44,8 @@ def trials_of(
 
 def run_trials(
     models: Mapping[ModelKind, Path | None],
-    evaluation: Evaluation,
-    listener: Listener | None = None,
+    evaluation: EvaluationSettings,
+    listener: WorkerListener | None = None,
 ) -> Iterator[dict[int, TrialResult]]:
     """Runs trials with networks, the shipped ones where none is named; yields batches by seed."""
     heights = PredictedHeightsFactory(model=models["heightmap"])

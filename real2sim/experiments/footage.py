@@ -15,7 +15,7 @@ from saltus.recordings.run_log import DepthTable
 from saltus.render.camera import RobotCamera
 from saltus.robots.mount import Mount
 from saltus.robots.robot import Robot
-from saltus.sim.state import PlantState
+from saltus.sim.plant_state import PlantState
 from saltus.terrain.terrain import Terrain
 
 POOLING = 5  # as many pixels of the D435i as make one of the model's image

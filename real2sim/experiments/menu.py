@@ -9,8 +9,8 @@ from typing import Literal
 from saltus.constants import PHYSICS_DT
 from saltus.errors import check_known
 from saltus.real2sim.experiments import motions
-from saltus.real2sim.experiments.motions import Section, repeated
-from saltus.real2sim.experiments.safety import Limits
+from saltus.real2sim.experiments.motions import ExperimentSection, repeated
+from saltus.real2sim.experiments.safety import ExperimentLimits
 from saltus.robots.robot import Robot
 from saltus.terrain import flat, level
 from saltus.terrain.terrain import Terrain
@@ -23,8 +23,10 @@ WALL_M = 0.9
 trunk, 30 degrees nose down."""
 STEP_M = 0.15
 """A stair."""
-FREE = Limits()
-HELD = Limits(tilt_rad=3.2, torque_share=1.1)  # held any way up; a saturation shows at the limit
+FREE = ExperimentLimits()
+HELD = ExperimentLimits(
+    tilt_rad=3.2, torque_share=1.1
+)  # held any way up; a saturation shows at the limit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,8 +39,8 @@ class Experiment:
     shows: tuple[str, ...]
     """Effects that become visible, by their names in the schema of run logs."""
     base: Literal["fixed", "free"]
-    sections: Callable[[Robot], tuple[Section, ...]]
-    limits: Limits
+    sections: Callable[[Robot], tuple[ExperimentSection, ...]]
+    limits: ExperimentLimits
     held_gains: tuple[float, float] = (30.0, 0.8)
     """kp [Nm/rad] and kd [Nm s/rad] of all joints of a held robot; one that stands has its own for
     standing."""
@@ -60,18 +62,18 @@ class Experiment:
         return float(sum(len(s.commands.q_des) for s in self.sections(robot)) * PHYSICS_DT)
 
 
-def _both(*parts: tuple[Section, ...]) -> tuple[Section, ...]:
+def _both(*parts: tuple[ExperimentSection, ...]) -> tuple[ExperimentSection, ...]:
     return tuple(joined(*parts))
 
 
-def _chirps(robot: Robot, highest_hz: float) -> tuple[Section, ...]:
+def _chirps(robot: Robot, highest_hz: float) -> tuple[ExperimentSection, ...]:
     return _both(
         repeated("chirp", 2, motions.sweep(robot, 6.0, 0.2, highest_hz, 0.35)),
         repeated("half chirp", 1, motions.sweep(robot, 6.0, 0.2, highest_hz, 0.17)),
     )
 
 
-def _tour(robot: Robot) -> tuple[Section, ...]:
+def _tour(robot: Robot) -> tuple[ExperimentSection, ...]:
     """Everything that a held robot can show, each motion twice; the first once more at the end."""
     chirp = repeated("chirp", 3, motions.sweep(robot, 4.0, 0.3, 10.0, 0.35))
     return _both(
@@ -84,17 +86,17 @@ def _tour(robot: Robot) -> tuple[Section, ...]:
     )
 
 
-def _heave_and_pitch(robot: Robot) -> tuple[Section, ...]:
+def _heave_and_pitch(robot: Robot) -> tuple[ExperimentSection, ...]:
     return _both(
         repeated("heave chirp", 2, motions.body_chirp(robot, 5.0, 0.3, 5.0, height_m=0.03)),
         repeated("pitch chirp", 2, motions.body_chirp(robot, 8.0, 0.3, 5.0, pitch_rad=0.15)),
     )
 
 
-def _at(robot: Robot, *ahead_m: float) -> tuple[Section, ...]:
+def _at(robot: Robot, *ahead_m: float) -> tuple[ExperimentSection, ...]:
     """A robot that is put at several distances from the first edge, twice at each."""
     return tuple(
-        Section(
+        ExperimentSection(
             name=f"{x:g} m {i + 1}",
             condition=f"{x:g} m",
             commands=motions.rest(robot, 2.5),
@@ -105,9 +107,9 @@ def _at(robot: Robot, *ahead_m: float) -> tuple[Section, ...]:
     )
 
 
-def _drops(robot: Robot, *heights_m: float) -> tuple[Section, ...]:
+def _drops(robot: Robot, *heights_m: float) -> tuple[ExperimentSection, ...]:
     return tuple(
-        Section(
+        ExperimentSection(
             name=f"{h:g} m {i + 1}",
             condition=f"drop {h:g} m",
             commands=motions.rest(robot, 1.5),

@@ -25,7 +25,7 @@ shows."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Commands:
+class ExperimentCommands:
     """Commands at each tick, shapes (n, 12)."""
 
     q_des: Floats
@@ -34,13 +34,13 @@ class Commands:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Section:
+class ExperimentSection:
     """A stretch of an experiment: it becomes a segment of the run log."""
 
     name: str
     condition: str
     """Sections of one condition are repeats."""
-    commands: Commands
+    commands: ExperimentCommands
     ahead_m: float | None = None
     """The robot is put anew before it, at rest, where the first edge of the terrain lies this far
     ahead of its base."""
@@ -50,7 +50,7 @@ class Section:
 
 def sweep(
     robot: Robot, duration_s: float, start_hz: float, end_hz: float, amplitude_rad: float
-) -> Commands:
+) -> ExperimentCommands:
     """Chirp about the stand, logarithmic in frequency.
 
     The amplitude of the velocity does not rise beyond 1 Hz.
@@ -64,14 +64,18 @@ def sweep(
     return _about_stand(robot, amplitude[:, None] * np.sin(phase[:, None] + JOINT_PHASE))
 
 
-def sine(robot: Robot, duration_s: float, frequency_hz: float, amplitude_rad: float) -> Commands:
+def sine(
+    robot: Robot, duration_s: float, frequency_hz: float, amplitude_rad: float
+) -> ExperimentCommands:
     """One frequency, all joints."""
     t = _times(duration_s)
     wave = np.sin(2.0 * np.pi * frequency_hz * t[:, None] + JOINT_PHASE)
     return _about_stand(robot, amplitude_rad * _envelope(t, duration_s)[:, None] * wave)
 
 
-def triangle(robot: Robot, duration_s: float, speed_rad_s: float, amplitude_rad: float) -> Commands:
+def triangle(
+    robot: Robot, duration_s: float, speed_rad_s: float, amplitude_rad: float
+) -> ExperimentCommands:
     """Back and forth at one speed: each direction of motion,
     reversals, no acceleration in between.
     """
@@ -84,7 +88,7 @@ def triangle(robot: Robot, duration_s: float, speed_rad_s: float, amplitude_rad:
 
 def steps(
     robot: Robot, duration_s: float, period_s: float, amplitude_rad: float | Sequence[float]
-) -> Commands:
+) -> ExperimentCommands:
     """Jumps of the desired angle from one side of the stand to the other,
     a joint of each leg at a time.
     """
@@ -93,12 +97,14 @@ def steps(
     sign = np.where(((t[:, None] + turn) // period_s) % 2 < 1, 1.0, -1.0)
     inside = ((t > RAMP_S) & (t < duration_s - RAMP_S))[:, None]
     offset = np.where(inside, np.tile(np.broadcast_to(amplitude_rad, 3), 4) * sign, 0.0)
-    return Commands(
+    return ExperimentCommands(
         q_des=robot.stand_pose + offset, dq_des=np.zeros_like(offset), tau_ff=np.zeros_like(offset)
     )
 
 
-def hold_ladder(robot: Robot, duration_s: float, amplitude_rad: float, rungs: int) -> Commands:
+def hold_ladder(
+    robot: Robot, duration_s: float, amplitude_rad: float, rungs: int
+) -> ExperimentCommands:
     """Rest at evenly spaced angles, up and down again:
     gravity, bias and breakaway without motion.
     """
@@ -118,7 +124,7 @@ def hold_ladder(robot: Robot, duration_s: float, amplitude_rad: float, rungs: in
 
 def torque_ladder(
     robot: Robot, duration_s: float, highest_nm: Sequence[float], rungs: int, pulse_s: float
-) -> Commands:
+) -> ExperimentCommands:
     """Short feed-forward pulses of rising size, pushing and pulling in turn,
     one joint of each leg at a time.
 
@@ -133,7 +139,7 @@ def torque_ladder(
         begin = RAMP_S + pulse * period
         on = (t >= begin) & (t < begin + pulse_s)
         torque[np.ix_(on, np.arange(joint, 12, 3))] = side * highest_nm[joint] * (rung + 1) / rungs
-    return Commands(
+    return ExperimentCommands(
         q_des=np.tile(robot.stand_pose, (len(t), 1)), dq_des=np.zeros_like(torque), tau_ff=torque
     )
 
@@ -145,7 +151,7 @@ def body_chirp(
     end_hz: float,
     height_m: float = 0.0,
     pitch_rad: float = 0.0,
-) -> Commands:
+) -> ExperimentCommands:
     """Heave and pitch of a robot that stands, a quarter of a period apart.
 
     Speeds do not rise beyond 1 Hz.
@@ -165,7 +171,7 @@ def body_sine(
     frequency_hz: float,
     height_m: float = 0.0,
     pitch_rad: float = 0.0,
-) -> Commands:
+) -> ExperimentCommands:
     """Heave and pitch of a robot that stands, at one frequency."""
     t = _times(duration_s)
     phase, amplitude = 2.0 * np.pi * frequency_hz * t, _envelope(t, duration_s)
@@ -174,13 +180,13 @@ def body_sine(
     )
 
 
-def rest(robot: Robot, duration_s: float) -> Commands:
+def rest(robot: Robot, duration_s: float) -> ExperimentCommands:
     """A robot that stands still."""
     nothing = np.zeros(len(_times(duration_s)))
     return stance(robot, nothing, nothing)
 
 
-def stance(robot: Robot, height_m: Floats, pitch_rad: Floats) -> Commands:
+def stance(robot: Robot, height_m: Floats, pitch_rad: Floats) -> ExperimentCommands:
     """Joint commands that move the body over feet which stay where they stand.
 
     Args:
@@ -203,13 +209,16 @@ def stance(robot: Robot, height_m: Floats, pitch_rad: Floats) -> Commands:
     # What a foot exerts, (n, 3)
     down_in_base = rotation.mT @ np.array([0.0, 0.0, -0.25 * robot.mass * GRAVITY])
     tau_ff = np.einsum("nlij,ni->nlj", jacobian, down_in_base).reshape(len(q_des), 12)
-    return Commands(q_des=q_des, dq_des=np.gradient(q_des, PHYSICS_DT, axis=0), tau_ff=tau_ff)
+    return ExperimentCommands(
+        q_des=q_des, dq_des=np.gradient(q_des, PHYSICS_DT, axis=0), tau_ff=tau_ff
+    )
 
 
-def repeated(name: str, count: int, commands: Commands) -> tuple[Section, ...]:
+def repeated(name: str, count: int, commands: ExperimentCommands) -> tuple[ExperimentSection, ...]:
     """A motion several times over: repeats tell noise from what the simulator lacks."""
     return tuple(
-        Section(name=f"{name} {i + 1}", condition=name, commands=commands) for i in range(count)
+        ExperimentSection(name=f"{name} {i + 1}", condition=name, commands=commands)
+        for i in range(count)
     )
 
 
@@ -223,8 +232,8 @@ def _envelope(t: Floats, duration_s: float) -> Floats:
     return edge**2 * (3.0 - 2.0 * edge)
 
 
-def _about_stand(robot: Robot, offset: Floats) -> Commands:
+def _about_stand(robot: Robot, offset: Floats) -> ExperimentCommands:
     q_des = robot.stand_pose + offset
-    return Commands(
+    return ExperimentCommands(
         q_des=q_des, dq_des=np.gradient(q_des, PHYSICS_DT, axis=0), tau_ff=np.zeros_like(q_des)
     )

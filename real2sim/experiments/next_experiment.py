@@ -148,7 +148,7 @@ def _short(value: float) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Separations:
+class EffectSeparations:
     """Separations that one experiment shows."""
 
     visible: dict[str, tuple[float, float]]
@@ -227,7 +227,7 @@ def next_experiment(
 
 def _table(
     robot: Robot, members: Sequence[str], rigs: Sequence[RigClaims]
-) -> dict[str, Separations]:
+) -> dict[str, EffectSeparations]:
     """Returns what each experiment shows that these rigs can do."""
     table = separations()
     if rigs and all(rig.get("base") == "fixed" for rig in rigs):
@@ -238,13 +238,13 @@ def _table(
         return table
     seeing = [name for name, experiment in EXPERIMENTS.items() if experiment.camera]
     return {
-        name: Separations(**measure(EXPERIMENTS[name], robot, FootageCamera.of(camera)))
+        name: EffectSeparations(**measure(EXPERIMENTS[name], robot, FootageCamera.of(camera)))
         for name in seeing
     }
 
 
 @cache
-def separations() -> dict[str, Separations]:
+def separations() -> dict[str, EffectSeparations]:
     """The measured table, by experiment."""
     measured = json.loads(SEPARATIONS.read_text(encoding="utf-8"))["experiments"]
-    return {name: Separations(**entry) for name, entry in measured.items()}
+    return {name: EffectSeparations(**entry) for name, entry in measured.items()}

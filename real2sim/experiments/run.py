@@ -16,13 +16,13 @@ from saltus.effects.profile import Profile
 from saltus.joint_command import JointCommand
 from saltus.real2sim.experiments.footage import FootageCamera, film
 from saltus.real2sim.experiments.menu import Experiment
-from saltus.real2sim.experiments.motions import Section
-from saltus.real2sim.problem.rotations import turned
+from saltus.real2sim.experiments.motions import ExperimentSection
+from saltus.real2sim.problem.quaternions import turned
 from saltus.recordings.run_claims import SCHEMA, RigClaims, SegmentClaim, claim_of
-from saltus.recordings.run_log import JointTable, RunLog, Table
+from saltus.recordings.run_log import JointTable, LogTable, RunLog
 from saltus.robots.robot import JOINTS, Robot
 from saltus.sim.plant import CLEARANCE, Plant
-from saltus.sim.state import PlantState
+from saltus.sim.plant_state import PlantState
 from saltus.terrain.terrain import Terrain
 
 
@@ -76,7 +76,7 @@ class Instruments:
             tau_est=self._noisy(np.array(believed), self._noise.tau_nm),
         )
 
-    def imu(self, time_s: Floats, readings: Sequence[ImuReading]) -> Table:
+    def imu(self, time_s: Floats, readings: Sequence[ImuReading]) -> LogTable:
         """The table `imu` of a run log."""
         noise = self._noise
         columns = [
@@ -84,9 +84,9 @@ class Instruments:
             self._noisy(_stacked(readings, "angular_velocity_base"), noise.gyro_rad_s),
             self._noisy(_stacked(readings, "acceleration_base"), noise.acc_m_s2),
         ]
-        return Table(time_s=time_s, values=np.concatenate(columns, axis=1))
+        return LogTable(time_s=time_s, values=np.concatenate(columns, axis=1))
 
-    def base(self, time_s: Floats, states: Sequence[PlantState]) -> Table:
+    def base(self, time_s: Floats, states: Sequence[PlantState]) -> LogTable:
         """The table `base` of a run log: motion capture."""
         noise = self._noise
         columns = [
@@ -94,11 +94,11 @@ class Instruments:
             self._tilted(_stacked(states, "quaternion_base_in_world"), noise.base_orientation_rad),
             self._noisy(_stacked(states, "velocity_base_in_world"), noise.velocity_m_s),
         ]
-        return Table(time_s=time_s, values=np.concatenate(columns, axis=1))
+        return LogTable(time_s=time_s, values=np.concatenate(columns, axis=1))
 
-    def feet(self, time_s: Floats, states: Sequence[PlantState]) -> Table:
+    def feet(self, time_s: Floats, states: Sequence[PlantState]) -> LogTable:
         """The table `feet` of a run log."""
-        return Table(
+        return LogTable(
             time_s=time_s, values=self._noisy(_stacked(states, "foot_force"), self._noise.foot_n)
         )
 
@@ -187,7 +187,7 @@ def _move(
     plant: Plant,
     experiment: Experiment,
     robot: Robot,
-    sections: tuple[Section, ...],
+    sections: tuple[ExperimentSection, ...],
     terrain: Terrain,
     progress: Callable[[float], None] | None,
 ) -> _Tape:
@@ -229,7 +229,7 @@ def _move(
 
 
 def _commands(
-    section: Section, ticks: Indices, gains: tuple[float, float]
+    section: ExperimentSection, ticks: Indices, gains: tuple[float, float]
 ) -> Iterator[JointCommand]:
     """The commands of a section at some ticks, with these gains at all joints."""
     kp, kd = (np.full(len(JOINTS), gain) for gain in gains)

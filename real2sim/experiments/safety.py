@@ -8,7 +8,7 @@ import numpy as np
 
 from saltus.arrays import Floats
 from saltus.errors import SaltusError
-from saltus.real2sim.experiments.motions import Commands
+from saltus.real2sim.experiments.motions import ExperimentCommands
 from saltus.robots.robot import JOINTS, Robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 
@@ -22,7 +22,7 @@ class UnsafeMotionError(SaltusError):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Limits:
+class ExperimentLimits:
     """Limits of an experiment for a robot."""
 
     margin_rad: float = 0.05
@@ -44,7 +44,7 @@ class Limits:
             "rad of tilt"
         )
 
-    def check_commands(self, robot: Robot, commands: Commands, kp: float) -> None:
+    def check_commands(self, robot: Robot, commands: ExperimentCommands, kp: float) -> None:
         """Refuses commands that ask for angles, speeds or torques beyond the limits.
 
         With the stiffness `kp` [Nm/rad] a jump of the desired angle asks for a torque, too.

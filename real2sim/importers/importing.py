@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.errors import RecordingError, nearest_hint
-from saltus.real2sim.importers.kinds import kind_of
+from saltus.real2sim.importers.file_kinds import kind_of
 from saltus.real2sim.importers.table import READERS, read_table
 from saltus.real2sim.importers.unitree import is_unitree, read_unitree
-from saltus.real2sim.screening.clock import MIN_ROWS, clock_faults
+from saltus.real2sim.screening.clock_faults import MIN_ROWS, clock_faults
 from saltus.real2sim.screening.screen import believed_units
-from saltus.recordings.description import Description
+from saltus.recordings.log_units import in_si, stated_units
+from saltus.recordings.recording_description import RecordingDescription
 from saltus.recordings.rosbag import read_rosbag
 from saltus.recordings.run_claims import GAINS, SCHEMA, RigClaims, check_claims, claim_of
 from saltus.recordings.run_log import (
@@ -24,11 +25,10 @@ from saltus.recordings.run_log import (
     JOINT_SIGNALS,
     QUATERNION,
     REQUIRED_SIGNALS,
+    LogTable,
     RunLog,
-    Table,
     write_run_log,
 )
-from saltus.recordings.units import in_si, stated_units
 from saltus.robots.robot import JOINTS, Robot
 
 WORTH_SAYING = ("q_des", "kp", "kd", "dq", "tau_est", "imu", "base", "depth")
@@ -49,7 +49,7 @@ CURES = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Imported:
+class ImportResult:
     """Result of importing a recording."""
 
     logs: tuple[Path, ...]
@@ -58,8 +58,8 @@ class Imported:
 
 
 def import_recording(
-    recording: Path, out: Path, description: Description, robot: Robot
-) -> Imported:
+    recording: Path, out: Path, description: RecordingDescription, robot: Robot
+) -> ImportResult:
     """Writes a bag or a table as a run log, or as several into folders below `out`:
     for each leg, or of an archive.
 
@@ -108,12 +108,12 @@ def import_recording(
         raise RecordingError(f"{recording}: none of its {len(parts)} logs has {MIN_ROWS} rows")
     for folder, log in logs.items():
         write_run_log(log, folder, robot)
-    return Imported(
+    return ImportResult(
         logs=tuple(logs), notes=(*notes, *_lacking(next(iter(logs.values())), description))
     )
 
 
-def _image_size(description: Description) -> tuple[int, int] | None:
+def _image_size(description: RecordingDescription) -> tuple[int, int] | None:
     """Width and height of the images that a description claims."""
     camera = description.claims.get("camera")
     width, height = (
@@ -131,7 +131,7 @@ def _check_left_out(names: Iterable[str]) -> None:
             )
 
 
-def _check_units(description: Description) -> None:
+def _check_units(description: RecordingDescription) -> None:
     """Refuses a unit that is said twice, or where it says nothing."""
     columns, units = description.columns, description.units
     if units.time_unit is not None:
@@ -145,7 +145,7 @@ def _check_units(description: Description) -> None:
 
 
 def _completed(
-    log: RunLog, recording: Path, description: Description, robot: Robot
+    log: RunLog, recording: Path, description: RecordingDescription, robot: Robot
 ) -> tuple[RunLog, list[str]]:
     """The log with all claims, in the robot's order, and notes.
 
@@ -210,7 +210,7 @@ def _on_robot(log: RunLog, robot: Robot) -> tuple[list[str], RunLog]:
     return joints, replace(log, joints=replace(log.joints, **turned))
 
 
-def _lacking(log: RunLog, description: Description) -> list[str]:
+def _lacking(log: RunLog, description: RecordingDescription) -> list[str]:
     """Data that `find` will miss."""
     # Claims before columns of gains, tables before claims
     there = vars(log.joints) | log.meta | vars(log)
@@ -285,8 +285,8 @@ def _why(values: Floats | None, names: list[str], *, may_be_zero: bool) -> str:
 
 
 def _told(
-    name: str, table: Table, columns: tuple[str, ...], note: Callable[[str], None]
-) -> Table | None:
+    name: str, table: LogTable, columns: tuple[str, ...], note: Callable[[str], None]
+) -> LogTable | None:
     """The rows of a table that tell something; None where none does."""
     empty = np.all(np.isnan(table.values), axis=0)
     if empty.any():
@@ -305,4 +305,4 @@ def _told(
             f"{name}: {int(zero.sum())} of {len(zero)} rows have a quaternion of zeros, and are "
             "left out"
         )
-    return Table(time_s=table.time_s[~zero], values=table.values[~zero])
+    return LogTable(time_s=table.time_s[~zero], values=table.values[~zero])

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.errors import RecordingError, nearest_hint
-from saltus.real2sim.importers.kinds import evenly, rate_scale, state_times
-from saltus.recordings.columns import names_in_archive, read_archive, read_parquet, read_text
-from saltus.recordings.description import TableColumns
+from saltus.real2sim.importers.file_kinds import evenly, rate_scale, state_times
+from saltus.recordings.file_columns import names_in_archive, read_archive, read_parquet, read_text
+from saltus.recordings.recording_description import TableColumns
 from saltus.recordings.run_claims import CONTROL_DT, GAINS, RigClaims, SegmentClaim
 from saltus.recordings.run_log import JOINT_SIGNALS, JointTable, RunLog, period_of
 from saltus.robots.robot import JOINTS

@@ -14,14 +14,14 @@ from saltus.controller.robot.unitree.messages import (
     LOW_STATE,
     MOTORS,
     OFF,
-    Message,
     MessageLayout,
+    UnitreeMessage,
     is_intact,
 )
 from saltus.errors import MessageError, RecordingError
 from saltus.recordings.bag_files import opened
 from saltus.recordings.run_claims import RigClaims
-from saltus.recordings.run_log import JointTable, RunLog, Table, period_of
+from saltus.recordings.run_log import JointTable, LogTable, RunLog, period_of
 from saltus.robots.robot import JOINTS
 
 STATES_NEEDED = 2
@@ -72,7 +72,7 @@ def read_unitree(path: Path, left_out: Sequence[str] = ()) -> tuple[RunLog, list
         notes.append("no commands (/lowcmd) were recorded")
         claims["control_dt"] = period_of(time_s)
     joints = {name: values[kept] for name, values in signals.items() if name not in left_out}
-    feet = Table(time_s=time_s[kept], values=states["foot_force"][kept].astype(np.float64))
+    feet = LogTable(time_s=time_s[kept], values=states["foot_force"][kept].astype(np.float64))
     log = RunLog(
         meta=claims,
         joints=JointTable(time_s=time_s[kept], **joints),
@@ -83,8 +83,8 @@ def read_unitree(path: Path, left_out: Sequence[str] = ()) -> tuple[RunLog, list
 
 
 def _in_order(
-    states: Message, arrived_ns: NDArray[np.int64], path: Path, notes: list[str]
-) -> tuple[Message, NDArray[np.int64]]:
+    states: UnitreeMessage, arrived_ns: NDArray[np.int64], path: Path, notes: list[str]
+) -> tuple[UnitreeMessage, NDArray[np.int64]]:
     """States that are newer than those before them."""
     passed_ms = np.diff(states["tick"].astype(np.int64))
     if (passed_ms < 0).any():
@@ -127,9 +127,11 @@ def _gains(signals: dict[str, Floats], kept: NDArray[np.bool_]) -> RigClaims:
     return {"kp": kp, "kd": kd}
 
 
-def _read(path: Path, layout: MessageLayout, notes: list[str]) -> tuple[Message, NDArray[np.int64]]:
+def _read(
+    path: Path, layout: MessageLayout, notes: list[str]
+) -> tuple[UnitreeMessage, NDArray[np.int64]]:
     """Intact messages of one type, shape (n,), and when they were recorded [ns]."""
-    kept: list[Message] = []
+    kept: list[UnitreeMessage] = []
     times: list[int] = []
     damaged = 0
     with opened(path) as reader:
@@ -152,13 +154,13 @@ def _read(path: Path, layout: MessageLayout, notes: list[str]) -> tuple[Message,
     return messages, np.array(times, np.int64)
 
 
-def _measured(states: Message) -> dict[str, Floats]:
+def _measured(states: UnitreeMessage) -> dict[str, Floats]:
     motors = states["motor_state"][:, :MOTORS]
     fields = {"q": "q", "dq": "dq", "tau_est": "tau_est"}
     return {name: motors[field].astype(np.float64) for name, field in fields.items()}
 
 
-def _commanded(commands: Message) -> dict[str, Floats]:
+def _commanded(commands: UnitreeMessage) -> dict[str, Floats]:
     """Commands, row by row; motors that are off have neither gains nor torque."""
     motors = commands["motor_cmd"][:, :MOTORS]
     on = motors["mode"] != OFF
@@ -173,7 +175,7 @@ def _commanded(commands: Message) -> dict[str, Floats]:
     }
 
 
-def _imu(states: Message, time_s: Floats) -> Table:
+def _imu(states: UnitreeMessage, time_s: Floats) -> LogTable:
     imu = states["imu_state"]
     columns = [imu[name] for name in ("quaternion", "gyroscope", "accelerometer")]
-    return Table(time_s=time_s, values=np.hstack(columns).astype(np.float64))
+    return LogTable(time_s=time_s, values=np.hstack(columns).astype(np.float64))

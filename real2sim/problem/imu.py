@@ -14,14 +14,14 @@ from saltus.arrays import Floats, Indices
 from saltus.constants import PHYSICS_DT
 from saltus.effects.imu import ImuLatency
 from saltus.errors import RecordingError
-from saltus.real2sim.problem import rotations
+from saltus.real2sim.problem import quaternions
 from saltus.real2sim.problem.log import sampled, segments_of
 from saltus.real2sim.problem.problem import (
     LARGEST_RESIDUAL,
     LEAST_SIGMA,
     Candidate,
+    LogSegment,
     Problem,
-    Segment,
     Unknown,
     candidate,
     sought,
@@ -97,7 +97,7 @@ class ImuWindows:
         return np.asarray(self.start_s[:, None] + np.arange(WINDOW_STEPS) * STEP_S)
 
 
-def imu_windows(log: RunLog, segments: Sequence[Segment]) -> ImuWindows:
+def imu_windows(log: RunLog, segments: Sequence[LogSegment]) -> ImuWindows:
     """Cuts windows of 1 s in which the motion of the base is known, read at each step of 2 ms.
 
     At most `WINDOWS`, spread over the log; of a held base those alone in which it rests.
@@ -108,10 +108,10 @@ def imu_windows(log: RunLog, segments: Sequence[Segment]) -> ImuWindows:
     if log.imu is None:
         raise RecordingError("the log has no imu.csv")
     time_s, values = log.imu.time_s, log.imu.values
-    orientation = rotations.continuous(values[:, :4])
+    orientation = quaternions.continuous(values[:, :4])
     noise = (read_noise(time_s, rotation_columns(orientation)), read_noise(time_s, values[:, 4:7]))
     if log.base is not None:
-        base = (log.base.time_s, rotations.continuous(log.base.values[:, 3:7]))
+        base = (log.base.time_s, quaternions.continuous(log.base.values[:, 3:7]))
         reference = read_noise(base[0], rotation_columns(base[1]))
         places = _places(segments, base[0])
     elif log.meta["base"] != "fixed":
@@ -134,7 +134,7 @@ def imu_windows(log: RunLog, segments: Sequence[Segment]) -> ImuWindows:
         segment=np.array([segment for segment, _ in places], dtype=np.int64),
         gyro=sampled(steps, time_s, values[:, 4:7]),
         jumped=jumped - jumped[:, :1],
-        orientation=rotations.normalised(sampled(steps, time_s, orientation)),
+        orientation=quaternions.normalised(sampled(steps, time_s, orientation)),
         base=base,
         noise=(noise[0], gyro_noise, reference),
     )
@@ -147,15 +147,15 @@ def _mismatch(time_s: Floats, gyro: Floats, base: tuple[Floats, Floats]) -> tupl
     The first is noise and bias. The second is what was missed where a foot landed between two
     samples, of which the log does not say when.
     """
-    turned = rotations.normalised(sampled(time_s, *base))
-    moves = rotations.to_vector(quaternion_product(quaternion_inverse(turned[:-1]), turned[1:]))
+    turned = quaternions.normalised(sampled(time_s, *base))
+    moves = quaternions.to_vector(quaternion_product(quaternion_inverse(turned[:-1]), turned[1:]))
     rate = 0.5 * (gyro[1:] + gyro[:-1]) - moves / np.maximum(np.diff(time_s), SHORTEST_S)[:, None]
     usual = np.median(rate, axis=0)
     missed = np.where(np.abs(rate - usual) > JUMP * quiet_sigma(rate - usual), rate - usual, 0.0)
     return np.asarray(rate - missed), missed
 
 
-def _places(segments: Sequence[Segment], time_s: Floats) -> list[tuple[int, float]]:
+def _places(segments: Sequence[LogSegment], time_s: Floats) -> list[tuple[int, float]]:
     """Segment and start [s] of each window.
 
     Later by the longest delay than the segment, so that it has a past.
@@ -261,14 +261,14 @@ class ImuProblem(Problem):
     def _base(self, delay_s: Floats) -> Floats:
         """Orientation of the base `delay_s` before each step, shape (n, w, steps, 4)."""
         at_s = self._windows.step_s - delay_s[:, None, None]
-        return rotations.normalised(sampled(at_s, *self._windows.base))
+        return quaternions.normalised(sampled(at_s, *self._windows.base))
 
     def _tilt_error(self, base: Floats, mount: Floats) -> Floats:
         """Reported minus expected tilt: the rotation vector without its part about the vertical,
         (n, w, BLOCKS, 2).
         """
-        reported = rotations.up_in_body(self._windows.orientation)
-        expected = rotations.up_in_body(quaternion_product(base, mount[:, None, None]))
+        reported = quaternions.up_in_body(self._windows.orientation)
+        expected = quaternions.up_in_body(quaternion_product(base, mount[:, None, None]))
         error = np.cross(np.broadcast_to(reported, expected.shape), expected)[..., :2]
         return _means(error)
 
@@ -284,7 +284,7 @@ class ImuProblem(Problem):
         path[..., 0, :] = base[..., 0, :]
         for step in range(WINDOW_STEPS - 1):
             path[..., step + 1, :] = quaternion_product(path[..., step, :], moves[..., step, :])
-        return _means(rotations.to_vector(quaternion_product(quaternion_inverse(base), path)))
+        return _means(quaternions.to_vector(quaternion_product(quaternion_inverse(base), path)))
 
     def _roots(self) -> tuple[Floats, Floats]:
         """Roots that make windows white: tilt and turn about roll and pitch,

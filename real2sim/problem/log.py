@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.errors import RecordingError, SaltusError
-from saltus.real2sim.problem.problem import Segment
+from saltus.real2sim.problem.problem import LogSegment
 from saltus.recordings.run_claims import RigClaims, SegmentClaim, segments
 from saltus.recordings.run_log import JointTable, RunLog, read_claims, read_run_log
 from saltus.robots.loading import load_robot, reference_robot
@@ -79,7 +79,7 @@ def in_sequence(logs: Sequence[RunLog], names: Sequence[str]) -> RunLog:
     )
 
 
-def segments_of(log: RunLog) -> tuple[Segment, ...]:
+def segments_of(log: RunLog) -> tuple[LogSegment, ...]:
     """Segments of a log: those that it names,
     else motions separated by rests, else blocks of equal length.
 
@@ -88,7 +88,7 @@ def segments_of(log: RunLog) -> tuple[Segment, ...]:
     """
     start, end = float(np.nanmin(log.joints.time_s)), float(np.nanmax(log.joints.time_s))
     named = [
-        Segment(
+        LogSegment(
             name=str(s["name"]),
             start_s=max(float(s["t0"]), start),
             end_s=min(float(s["t1"]), end),
@@ -238,7 +238,7 @@ def _located(meta: RigClaims, directory: Path) -> RigClaims:
     return {**meta, "robot": str(model)}
 
 
-def _cut(joints: JointTable) -> tuple[Segment, ...]:
+def _cut(joints: JointTable) -> tuple[LogSegment, ...]:
     """Motions separated by rests of the commands.
 
     Blocks if the commands never rest or never move.
@@ -253,7 +253,7 @@ def _cut(joints: JointTable) -> tuple[Segment, ...]:
     first_rows = np.array(
         [rows[0] if len(rows) else np.full(rows.shape[1], np.nan) for rows in stretches]
     )
-    cut: list[Segment] = []
+    cut: list[LogSegment] = []
     for i, (start, end) in enumerate(edges):
         # Repeats differ by no more than this in any one value, by which thousands of motions are
         # told apart at once.
@@ -261,7 +261,7 @@ def _cut(joints: JointTable) -> tuple[Segment, ...]:
         near = np.flatnonzero(np.abs(first_rows[:i, 0] - first_rows[i, 0]) < most)
         near = near[np.all(np.abs(first_rows[near] - first_rows[i]) < most, axis=1)]
         same = next((int(j) for j in near if _is_repeat(stretches[i], stretches[j])), i)
-        cut.append(Segment(name=f"part{i}", start_s=start, end_s=end, condition=f"part{same}"))
+        cut.append(LogSegment(name=f"part{i}", start_s=start, end_s=end, condition=f"part{same}"))
     return tuple(cut)
 
 

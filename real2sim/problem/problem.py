@@ -27,7 +27,7 @@ four."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Segment:
+class LogSegment:
     """A stretch of a log.
 
     Segments with one condition are repeats of a motion, or one motion at several amplitudes.
@@ -65,7 +65,7 @@ class Unknown:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Coordinates:
+class UnknownCoordinates:
     """How unknowns become the parameters of an effect, and back, where they are not the same."""
 
     parameters: Callable[[Floats], dict[str, float]]
@@ -74,7 +74,7 @@ class Coordinates:
     """Unknowns of parameters by name."""
 
     @classmethod
-    def less(cls, name: str, claimed: float) -> "Coordinates":
+    def less(cls, name: str, claimed: float) -> "UnknownCoordinates":
         """Coordinates with one unknown: the parameter less the value that a log claims."""
         return cls(
             parameters=lambda x: {name: claimed + float(x[0])},
@@ -114,7 +114,7 @@ class Candidate:
     least_closed: float = 0.0
     """Smallest part of `closable_share` that it closes where it alone is hidden; what it closes
     less of, and leaves more than correct simulations differ by, is none of it."""
-    coordinates: Coordinates | None = None
+    coordinates: UnknownCoordinates | None = None
     """None where the unknowns that are not `stated` are the parameters of the same names, less
     their null values (shapes: as they are)."""
     base: tuple[tuple[float, ...], ...] = ()
@@ -130,7 +130,7 @@ class Candidate:
         """Unknowns without the effect: 0, shapes as in the first start; shape (its unknowns,)."""
         return np.where([unknown.is_shape for unknown in self.unknowns], self.starts[0], 0.0)
 
-    def parameters(self, unknowns: Floats, block: int = 0) -> dict[str, "Estimate"]:
+    def parameters(self, unknowns: Floats, block: int = 0) -> dict[str, "ParameterEstimate"]:
         """Parameters in the schema's names and units, of unknowns of shape (its unknowns,);
         nuisances have no units.
 
@@ -151,7 +151,7 @@ class Candidate:
         else:
             found = self.coordinates.parameters(unknowns)
         return {
-            name: Estimate(value=float(value), unit=self._declared(name).get("unit", ""))
+            name: ParameterEstimate(value=float(value), unit=self._declared(name).get("unit", ""))
             for name, value in found.items()
         }
 
@@ -215,7 +215,7 @@ def unknowns_of(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Estimate:
+class ParameterEstimate:
     """One physical parameter, as `verdict.json` states it."""
 
     value: float
@@ -257,7 +257,7 @@ class Problem(ABC):
     blocks: tuple[str, ...]
     places: tuple[dict[str, str], ...]
     candidates: tuple[Candidate, ...]
-    segments: tuple[Segment, ...]
+    segments: tuple[LogSegment, ...]
     segment: Indices
     signals: tuple[str, ...]
     signal: Indices

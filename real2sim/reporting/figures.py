@@ -8,8 +8,8 @@ from plotly.subplots import make_subplots
 
 from saltus.arrays import Floats
 from saltus.real2sim.problem.problem import ExplanatoryVariable
-from saltus.real2sim.reporting.localise import TIME, Channel
-from saltus.real2sim.search.findings import Confusion, RankedModel, SignalGap
+from saltus.real2sim.reporting.localise import TIME, ResidualSignal
+from saltus.real2sim.search.findings import EffectConfusion, RankedModel, SignalGap
 from saltus.reports.figures import BLUE, GREEN, GREY, RED
 
 BEFORE, AFTER, FLOOR = RED, BLUE, GREEN
@@ -50,7 +50,7 @@ def gap_figure(gaps: Sequence[SignalGap]) -> go.Figure:
     return _sized(figure, 110 + 22 * len(names))
 
 
-def matrix_figure(before: Sequence[Channel], after: Sequence[Channel]) -> go.Figure:
+def matrix_figure(before: Sequence[ResidualSignal], after: Sequence[ResidualSignal]) -> go.Figure:
     """RMS of every signal at every place, before and after, in one colour scale."""
     signals = list(dict.fromkeys(channel.signal for channel in before))
     places = list(dict.fromkeys(channel.place for channel in before))
@@ -74,7 +74,7 @@ def matrix_figure(before: Sequence[Channel], after: Sequence[Channel]) -> go.Fig
     return _sized(figure, 85 + TITLE_PX + 2 * ROW_PX * len(signals))
 
 
-def worst_channels(channels: Sequence[Channel], count: int = 3) -> list[int]:
+def worst_channels(channels: Sequence[ResidualSignal], count: int = 3) -> list[int]:
     """Indices of the channels with the largest RMS, one of each signal and kind of place."""
     kinds: dict[tuple[str, str], int] = {}
     order = sorted(range(len(channels)), key=lambda i: -_rms(channels[i].residual))
@@ -84,7 +84,7 @@ def worst_channels(channels: Sequence[Channel], count: int = 3) -> list[int]:
     return list(kinds.values())[:count]
 
 
-def residual_figure(before: Channel, after: Channel) -> go.Figure:
+def residual_figure(before: ResidualSignal, after: ResidualSignal) -> go.Figure:
     """RMS of the residual of a signal over each explanatory variable, in bins of equal count."""
     variables = [
         variable for variable in before.variables if variable.unit and np.ptp(variable.values) > 0.0
@@ -127,7 +127,7 @@ def rms_by(variable: ExplanatoryVariable, residual: Floats) -> tuple[Floats, Flo
     return x, np.sqrt(np.bincount(where, residual**2)[used] / counts[used])
 
 
-def trace_figure(before: Channel, after: Channel) -> go.Figure:
+def trace_figure(before: ResidualSignal, after: ResidualSignal) -> go.Figure:
     """Residuals over the two seconds in which they are largest.
 
     If there are many pixels, their mean.
@@ -158,7 +158,10 @@ def trace_figure(before: Channel, after: Channel) -> go.Figure:
 
 
 def image_figure(
-    before: Channel, after: Channel, row: ExplanatoryVariable, column: ExplanatoryVariable
+    before: ResidualSignal,
+    after: ResidualSignal,
+    row: ExplanatoryVariable,
+    column: ExplanatoryVariable,
 ) -> go.Figure:
     """Mean residual of each pixel of the grid, before and after."""
     rows, y = np.unique(row.values, return_inverse=True)
@@ -226,7 +229,7 @@ def ranking_figure(ranking: Sequence[RankedModel], chosen: tuple[str, ...]) -> g
     return _sized(figure, 90 + 34 * len(models)).update_layout(margin_r=100)
 
 
-def confusion_figure(confusion: Confusion) -> go.Figure:
+def confusion_figure(confusion: EffectConfusion) -> go.Figure:
     """Cosines between the signatures of effects; the upper half would repeat the lower."""
     count = len(confusion.effects)
     lower = np.where(np.tri(count, k=-1, dtype=bool), confusion.cosine, np.nan)[1:, :-1]
@@ -245,7 +248,7 @@ def confusion_figure(confusion: Confusion) -> go.Figure:
     return _sized(figure, 190 + 27 * count)
 
 
-def _rms_table(channels: Sequence[Channel], signals: list[str], places: list[str]) -> Floats:
+def _rms_table(channels: Sequence[ResidualSignal], signals: list[str], places: list[str]) -> Floats:
     table = np.full((len(signals), len(places)), np.nan)
     for channel in channels:
         table[signals.index(channel.signal), places.index(channel.place)] = _rms(channel.residual)

@@ -25,7 +25,7 @@ QUANTILES = np.linspace(0.1, 0.9, 17)  # of the variable's size: thresholds that
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Channel:
+class ResidualSignal:
     """One signal at one place."""
 
     signal: str
@@ -38,7 +38,7 @@ class Channel:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Statement:
+class ResidualExplanation:
     """An explanatory variable that explains a residual at one or several places."""
 
     signal: str
@@ -56,7 +56,7 @@ class Statement:
 class _Clue:
     """A statement about one channel."""
 
-    channel: Channel
+    channel: ResidualSignal
     variable: ExplanatoryVariable
     kind: str
     share: float
@@ -68,7 +68,7 @@ class _Clue:
     elsewhere: float
 
 
-def localise(channels: Sequence[Channel]) -> tuple[Statement, ...]:
+def localise(channels: Sequence[ResidualSignal]) -> tuple[ResidualExplanation, ...]:
     """Statements on where the gap lies, those first that explain most power.
 
     Each channel gives at most one statement on proportionality and one on a regime. Equal
@@ -88,7 +88,7 @@ def localise(channels: Sequence[Channel]) -> tuple[Statement, ...]:
     return tuple(_statement(groups[key], places[key[0]]) for key in ranked)
 
 
-def _clues(channel: Channel) -> list[_Clue]:
+def _clues(channel: ResidualSignal) -> list[_Clue]:
     found = []
     for clues in (
         [
@@ -112,7 +112,7 @@ def _clues(channel: Channel) -> list[_Clue]:
     return found
 
 
-def _proportional(channel: Channel, variable: ExplanatoryVariable) -> _Clue | None:
+def _proportional(channel: ResidualSignal, variable: ExplanatoryVariable) -> _Clue | None:
     """The share of the residual that a multiple of the variable explains."""
     product, power = _sums(channel.residual * variable.values), _sums(variable.values**2)
     if power.sum() <= 0:
@@ -128,7 +128,7 @@ def _proportional(channel: Channel, variable: ExplanatoryVariable) -> _Clue | No
     )  # fmt: skip
 
 
-def _beyond(channel: Channel, variable: ExplanatoryVariable) -> _Clue | None:
+def _beyond(channel: ResidualSignal, variable: ExplanatoryVariable) -> _Clue | None:
     """The threshold of the variable's size above which the residual's power is concentrated."""
     size, power = np.abs(variable.values), channel.residual**2
     best: tuple[float, float] | None = None
@@ -175,7 +175,7 @@ def _error(without: Floats) -> float:
     return float(np.sqrt((len(without) - 1) * np.var(without)))
 
 
-def _statement(clues: Sequence[_Clue], places: Sequence[str]) -> Statement:
+def _statement(clues: Sequence[_Clue], places: Sequence[str]) -> ResidualExplanation:
     named = tuple(clue.channel.place for clue in clues)
     first = clues[0]
     share = float(np.mean([clue.share for clue in clues]))
@@ -201,7 +201,7 @@ def _statement(clues: Sequence[_Clue], places: Sequence[str]) -> Statement:
             f"{where}: {signal} is off by {slope:.1f} sigma {regime}, by {elsewhere:.1f} elsewhere"
         )
     least = min(clue.t_statistic for clue in clues)
-    return Statement(
+    return ResidualExplanation(
         signal=signal,
         places=named,
         variable=variable.name,
@@ -233,7 +233,7 @@ MOVING = 0.05  # rad/s, one sigma of dq: below it the direction is noise
 
 def channels_of(
     problem: Problem, log: RunLog, residuals: Floats, chosen: NDArray[np.bool_] | None = None
-) -> tuple[Channel, ...]:
+) -> tuple[ResidualSignal, ...]:
     """Residuals of a problem, one channel for each signal of each block,
     with their explanatory variables.
 
@@ -255,7 +255,7 @@ def channels_of(
             every = (*explanatory_variables_of(log, place, problem.time_s[rows]), *seen)
             variables = tuple(variable for variable in every if np.isfinite(variable.values).all())
             channels.append(
-                Channel(
+                ResidualSignal(
                     signal=signal, place=place, residual=residuals[block, rows], variables=variables
                 )
             )

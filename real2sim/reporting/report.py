@@ -17,10 +17,21 @@ from saltus.effects.profile import EFFECTS, Profile
 from saltus.provenance import commit, package_version
 from saltus.real2sim.problem.camera.problem import COLUMN, ROW
 from saltus.real2sim.reporting import figures
-from saltus.real2sim.reporting.localise import Channel, Statement, channels_of, localise
-from saltus.real2sim.reporting.words import by_reason, drawn_lines, next_steps, places, sentence
+from saltus.real2sim.reporting.localise import (
+    ResidualExplanation,
+    ResidualSignal,
+    channels_of,
+    localise,
+)
+from saltus.real2sim.reporting.verdict_text import (
+    by_reason,
+    drawn_lines,
+    next_steps,
+    places,
+    sentence,
+)
 from saltus.real2sim.results import Judgement, SensorResult
-from saltus.real2sim.search.findings import Findings, Residuals
+from saltus.real2sim.search.findings import ModelResiduals, SearchFindings
 from saltus.real2sim.verdict import Verdict
 from saltus.reports.page import render
 
@@ -52,7 +63,7 @@ LONG = 12  # length of a list in the claims; longer ones are cut
 SAID_BEFORE, SAID_AFTER = 6, 3
 """Number of statements on where the gap lies, and on what is left."""
 
-Pair = tuple[Channel, Channel]
+Pair = tuple[ResidualSignal, ResidualSignal]
 """A channel before and after what was found."""
 
 
@@ -60,11 +71,11 @@ Pair = tuple[Channel, Channel]
 class ShownResiduals:
     """Residuals of one sensor, as the page shows them."""
 
-    statements: Sequence[Statement]
-    left: Sequence[Statement] | None
+    statements: Sequence[ResidualExplanation]
+    left: Sequence[ResidualExplanation] | None
     """Statements on what the chosen model leaves; None where it changes nothing."""
-    before: Sequence[Channel]
-    after: Sequence[Channel]
+    before: Sequence[ResidualSignal]
+    after: Sequence[ResidualSignal]
     worst: Sequence[Pair]
     images: Sequence[go.Figure]
 
@@ -113,7 +124,7 @@ def _meaning(verdict: Verdict) -> str:
     )
 
 
-def _effects(verdict: Verdict, findings: Sequence[Findings]) -> list[tuple[str, ...]]:
+def _effects(verdict: Verdict, findings: Sequence[SearchFindings]) -> list[tuple[str, ...]]:
     """Values of the effects, of the members of sets as they fit alone,
     and of the best model of what has no name.
     """
@@ -130,7 +141,7 @@ def _effects(verdict: Verdict, findings: Sequence[Findings]) -> list[tuple[str, 
     ]  # fmt: skip
 
 
-def _residuals(comparison: SensorResult, residuals: Residuals) -> ShownResiduals:
+def _residuals(comparison: SensorResult, residuals: ModelResiduals) -> ShownResiduals:
     """Residuals of a comparison before and after what was found."""
     problem, log = comparison.problem, comparison.log
     both = (residuals.before, residuals.after)
@@ -177,7 +188,7 @@ def _known(profile: Profile, name: str, unit: str) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def _provenance(judgement: Judgement, findings: Sequence[Findings], seed: int) -> list[str]:
+def _provenance(judgement: Judgement, findings: Sequence[SearchFindings], seed: int) -> list[str]:
     """Commit and versions of the code with the profile, and the claims of each log."""
     lines = [
         f"commit = {commit()}",

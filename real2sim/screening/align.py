@@ -17,7 +17,7 @@ from scipy.stats import t as student
 from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.camera.rays import expected_depth
 from saltus.real2sim.problem.log import commanded_torque, gains, has_changing_gains, untold
-from saltus.recordings.run_log import RunLog, Table
+from saltus.recordings.run_log import LogTable, RunLog
 
 # Offsets that are tried: some lead, and the largest latency of a camera on a robot
 SEARCH_S = (
@@ -293,7 +293,7 @@ def _depth_on_base(log: RunLog, *, is_capture: bool) -> ClockOffset | None:
     return fit_offset(stream, reference, is_relative=True)
 
 
-def _predicted(log: RunLog, base: Table, rows: Indices, columns: Indices) -> MotionSamples:
+def _predicted(log: RunLog, base: LogTable, rows: Indices, columns: Indices) -> MotionSamples:
     """Predicted depth of chosen pixels at poses every `POSES_S`."""
     step = max(1, round(POSES_S / float(np.median(np.diff(base.time_s)))))
     depth = expected_depth(base.values[::step, :7], log, rows, columns)

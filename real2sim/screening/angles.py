@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.real2sim.problem.log import model_of
-from saltus.real2sim.screening.scales import (
+from saltus.real2sim.screening.channel_scales import (
     RIGHT,
-    Fault,
+    LogFault,
     by_cause,
     gears_of,
     is_off,
@@ -18,8 +18,8 @@ from saltus.real2sim.screening.scales import (
     unit_fault,
     unit_of,
 )
+from saltus.recordings.log_units import ANGLES
 from saltus.recordings.run_log import JointTable, RunLog
-from saltus.recordings.units import ANGLES
 from saltus.robots.robot import JOINTS, Robot
 
 FULL_TURN = 2 * np.pi  # rad: no joint of a legged robot turns further
@@ -58,7 +58,7 @@ KNOWN = (
 """Factors that angles of all joints have: units, units that were turned into rad twice, a sign."""
 
 
-def angle_faults(log: RunLog, q: Floats, q_des: Floats) -> Iterator[Fault]:
+def angle_faults(log: RunLog, q: Floats, q_des: Floats) -> Iterator[LogFault]:
     """Faults of q or q_des whose scales differ.
 
     Args:
@@ -139,7 +139,7 @@ def _wrong_one(log: RunLog, joints: list[int], factor: float) -> str:
     return max(sizes, key=lambda signal: abs(np.log(max(sizes[signal], 1e-9) / TYPICAL)))
 
 
-def posture_faults(log: RunLog) -> Iterator[Fault]:
+def posture_faults(log: RunLog) -> Iterator[LogFault]:
     """Faults of all angles together, by the joints' limits or by a full turn."""
     names, gears = log.meta["joints"], gears_of(log)
     for signal, values in (("q", log.joints.q), ("q_des", log.joints.q_des)):
@@ -239,7 +239,7 @@ def rate_slopes(
     return np.where((size > moving) | ((alike > FOLLOWS) & (size > barely)), slope, np.nan)
 
 
-def command_rate_faults(log: RunLog) -> Iterator[Fault]:
+def command_rate_faults(log: RunLog) -> Iterator[LogFault]:
     """Faults of dq_des that is the rate of q_des but for a factor that a unit has."""
     joints = log.joints
     if joints.dq_des is None or joints.q_des is None or not joints.dq_des.any():

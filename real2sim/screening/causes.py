@@ -13,8 +13,8 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from saltus.arrays import Floats
-from saltus.real2sim.screening.scales import Fault, by_cause, is_off, likely, unit_of
-from saltus.recordings.units import ANGLES
+from saltus.real2sim.screening.channel_scales import LogFault, by_cause, is_off, likely, unit_of
+from saltus.recordings.log_units import ANGLES
 
 CAUSES = ("tau_est", "gains", "kp", "kd", "tau_ff")
 """In the order in which one is preferred that explains as much."""
@@ -51,7 +51,7 @@ PER_DEGREE = 1.0 / ANGLES["deg"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cause:
+class TorqueCause:
     """One factor of a drive's law."""
 
     factor: float
@@ -60,7 +60,7 @@ class Cause:
     """Share of the torque's variance that the law with this factor leaves."""
 
 
-class Moments(NamedTuple):
+class TorqueMoments(NamedTuple):
     """Mean and standard deviation of a torque [Nm]."""
 
     mean: float
@@ -68,15 +68,15 @@ class Moments(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Causes:
+class TorqueCauses:
     """Causes that explain the torque of one drive."""
 
-    of: Mapping[str, Cause]
+    of: Mapping[str, TorqueCause]
     """By name, of `CAUSES`; without what the law has no part of."""
     left: float
     """Share that the law leaves as it is logged."""
-    torque: Moments
-    parts: Mapping[str, Moments]
+    torque: TorqueMoments
+    parts: Mapping[str, TorqueMoments]
     """By cause, the part of the law that it scales; as a whole that of tau_est."""
 
     @property
@@ -100,7 +100,7 @@ def causes(
     feedforward: Floats | None,
     *,
     is_rate_measured: bool = True,
-) -> Causes:
+) -> TorqueCauses:
     """Compares the causes on rows of one drive, as they are or in slow motion:
     where one tells more.
 
@@ -132,7 +132,7 @@ def causes(
     slow = {name: uniform_filter1d(part, SLOW_ROWS) for name, part in parts.items()}
     moments = {name: _moments(part) for name, part in parts.items()}
     seen = [
-        Causes(of=of, left=left, torque=_moments(torque), parts=moments)
+        TorqueCauses(of=of, left=left, torque=_moments(torque), parts=moments)
         for of, left in (
             _explained(torque, parts, factors),
             # dampers do next to nothing in slow motion
@@ -148,8 +148,8 @@ def causes(
     )
 
 
-def _moments(values: Floats) -> Moments:
-    return Moments(float(np.mean(values)), float(np.std(values)))
+def _moments(values: Floats) -> TorqueMoments:
+    return TorqueMoments(float(np.mean(values)), float(np.std(values)))
 
 
 def _factor(rest: Floats, part: Floats) -> float:
@@ -171,7 +171,7 @@ def _factor(rest: Floats, part: Floats) -> float:
 
 def _explained(
     torque: Floats, parts: Mapping[str, Floats], factors: Mapping[str, float]
-) -> tuple[dict[str, Cause], float]:
+) -> tuple[dict[str, TorqueCause], float]:
     """Causes that explain the torque, and the share that the law leaves as it is logged."""
     law, variance = parts["tau_est"], max(float(np.var(torque)), np.finfo(np.float64).tiny)
     found = {}
@@ -181,13 +181,13 @@ def _explained(
         if left < (1.0 - EXPLAINED) * float(
             np.var(rest)
         ):  # noise beside a strong tau_ff tells no gains
-            found[name] = Cause(factor=factor, left=left / variance)
+            found[name] = TorqueCause(factor=factor, left=left / variance)
     return found, float(np.var(torque - law)) / variance
 
 
 def cause_faults(
-    names: Sequence[str], drives: Sequence[Causes], gears: Sequence[float]
-) -> Iterator[Fault]:
+    names: Sequence[str], drives: Sequence[TorqueCauses], gears: Sequence[float]
+) -> Iterator[LogFault]:
     """Faults of factors, by the cause that explains most of the drives for which they are told."""
     told = [joint for joint, drive in enumerate(drives) if drive.are_told]
     if (held := _held(drives, told)) is not None:
@@ -209,7 +209,7 @@ def cause_faults(
         yield _fault(cause, where, factor, gears)
 
 
-def _held(drives: Sequence[Causes], told: Sequence[int]) -> tuple[str, float] | None:
+def _held(drives: Sequence[TorqueCauses], told: Sequence[int]) -> tuple[str, float] | None:
     """Cause and factor of what the drives hold on average; None where the motion says more."""
     means = _of_means(drives)
     if not means:
@@ -229,7 +229,7 @@ def _likeliest(left: Mapping[str, Sequence[float]]) -> str:
     )
 
 
-def _of_means(drives: Sequence[Causes]) -> dict[str, Cause]:
+def _of_means(drives: Sequence[TorqueCauses]) -> dict[str, TorqueCause]:
     """Causes that explain the torques that all drives hold on average.
 
     A drive whose zero is another than that of the log is off by a torque of its own, not by a
@@ -246,33 +246,33 @@ def _of_means(drives: Sequence[Causes]) -> dict[str, Cause]:
             factor = float(rest @ part) / power
             left = float(np.sum((rest - factor * part) ** 2))
             if left < (1.0 - OF_MEANS) * float(rest @ rest):
-                found[name] = Cause(factor=factor, left=left / float(torque @ torque))
+                found[name] = TorqueCause(factor=factor, left=left / float(torque @ torque))
     return found
 
 
-def _fault(cause: str, where: str, factor: float, gears: Sequence[float]) -> Fault:
+def _fault(cause: str, where: str, factor: float, gears: Sequence[float]) -> LogFault:
     is_flipped = factor < 0.0
     if cause == "tau_ff":
         text = f"tau_ff of {where} is {1.0 / factor:.4g} times its part in tau_est: "
         text += likely("tau_ff", 1.0 / factor, gears)
-        return Fault(name="flipped_sign" if is_flipped else "torque_unit", text=text)
+        return LogFault(name="flipped_sign" if is_flipped else "torque_unit", text=text)
     if cause == "tau_est":
         text = f"tau_est of {where} is {factor:.4g} times what kp, kd and tau_ff make of q and dq: "
         text += _gains_instead(factor) or likely("tau_est", factor, gears)
-        return Fault(name="flipped_sign" if is_flipped else "torque_unit", text=text)
+        return LogFault(name="flipped_sign" if is_flipped else "torque_unit", text=text)
     if cause == "gains" and unit_of("tau_est", factor, gears):
         text = (
             f"tau_est and tau_ff of {where} are {factor:.4g} times what kp and kd "
             "make of q and dq: "
         )
-        return Fault(name="torque_unit", text=text + likely("tau_est", factor, gears))
+        return LogFault(name="torque_unit", text=text + likely("tau_est", factor, gears))
     which = "kp and kd" if cause == "gains" else cause
     text = f"tau_est of {where} shows {factor:.4g} times the {which} that meta.json claims: "
     text += _gains_instead(factor) or "correct the claim"
     if cause == "kd":
         inverse = 1.0 / factor
         text += f"; or dq is {inverse:.4g} times the rate of q, {likely('dq', inverse, gears)}"
-    return Fault(name="flipped_sign" if is_flipped else "wrong_gains", text=text)
+    return LogFault(name="flipped_sign" if is_flipped else "wrong_gains", text=text)
 
 
 def _gains_instead(factor: float) -> str:

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.log import gains_in_force, rates, untold
 from saltus.real2sim.screening.angles import rate_slopes
-from saltus.real2sim.screening.causes import Causes, cause_faults, causes
-from saltus.real2sim.screening.scales import Fault, gears_of, unit_fault
+from saltus.real2sim.screening.causes import TorqueCauses, cause_faults, causes
+from saltus.real2sim.screening.channel_scales import LogFault, gears_of, unit_fault
 from saltus.recordings.run_log import JointTable, RunLog
 
 DELAYS_S = np.linspace(0.0, 0.04, 41)
@@ -91,7 +91,7 @@ more). Beside wide backlash it was 0.76 to 0.84. A torque in another unit is exp
 ever."""
 
 
-def gain_faults(log: RunLog) -> Iterator[Fault]:
+def gain_faults(log: RunLog) -> Iterator[LogFault]:
     """Faults of kp, kd and of the signs of torques, from `tau_est`.
 
     Yields none if the log lacks `tau_est`, or commands or claimed gains (`untold`).
@@ -103,7 +103,7 @@ def gain_faults(log: RunLog) -> Iterator[Fault]:
     yield from scaled or chain.from_iterable(map(_faults, names, drives))
 
 
-def angle_scale_faults(log: RunLog) -> Iterator[Fault]:
+def angle_scale_faults(log: RunLog) -> Iterator[LogFault]:
     """A fault of q and q_des together: dq is the rate of q,
     and the drives' kp is as claimed, but for one factor.
     """
@@ -248,7 +248,7 @@ class _Regression:
     """Share of the torque's variance."""
 
     @property
-    def causes(self) -> Causes:
+    def causes(self) -> TorqueCauses:
         """Factors that may be wrong."""
         feedforward = self.matrix[4] if len(self.matrix) > 4 else None
         error, rate = self.kp * self.matrix[0], self.kd * self.matrix[1]
@@ -272,7 +272,7 @@ def _keep_best(drives: list[_Regression], columns: Floats, torques: Floats) -> N
             drive.inverse, drive.solution, drive.rest = inverse[joint], solution[joint], rest[joint]
 
 
-def _faults(name: str, drive: _Regression) -> Iterator[Fault]:
+def _faults(name: str, drive: _Regression) -> Iterator[LogFault]:
     torque_nm = float(np.var(drive.torque)) ** 0.5
     left = torque_nm * (1.0 - drive.explained) ** 0.5
     stiff = drive.is_stiff
@@ -285,7 +285,7 @@ def _faults(name: str, drive: _Regression) -> Iterator[Fault]:
             f"q, q_des and gains explain {followed:.0%} of tau_est of {name}: "
             "the columns are not of one joint"
         )
-        yield Fault(name="torque_unexplained", text=text)
+        yield LogFault(name="torque_unexplained", text=text)
         return
     is_other_encoder = left > max(LARGEST_RESIDUAL_NM, LARGEST_RESIDUAL_SHARE * torque_nm)
     is_faint = (
@@ -302,7 +302,7 @@ def _faults(name: str, drive: _Regression) -> Iterator[Fault]:
             f"tau_est of {name} pushes away from q_des (kp {shown:.3g}, claimed {drive.kp:.3g}): "
             "a sign is flipped"
         )
-        yield Fault(name="flipped_sign", text=text)
+        yield LogFault(name="flipped_sign", text=text)
         return
     has_feedforward = (
         len(drive.matrix) > 4 and np.std(drive.matrix[4]) > LEAST_FEEDFORWARD * torque_nm
@@ -312,20 +312,20 @@ def _faults(name: str, drive: _Regression) -> Iterator[Fault]:
         yield from _wrong_gains(name, drive, shown, margin)
 
 
-def _wrong_gains(name: str, drive: _Regression, shown: float, margin: float) -> Iterator[Fault]:
+def _wrong_gains(name: str, drive: _Regression, shown: float, margin: float) -> Iterator[LogFault]:
     """A kp beyond its tolerance, which is wider by a margin of chance,
     or a kd where kp is right.
     """
     kp, kd, shown_kd = drive.kp, drive.kd, float(drive.solution[1])
     if abs(shown - kp) > KP_TOLERANCE * kp + margin:
-        yield Fault(
+        yield LogFault(
             name="wrong_gains",
             text=f"tau_est of {name} shows kp {shown:.3g}, meta.json claims {kp:.3g}",
         )
         return
     is_told = abs(shown - kp) < KP_TOLERANCE * kp and np.std(drive.matrix[1]) > LEAST_RATE_RAD_S
     if is_told and abs(shown_kd - kd) > KD_TOLERANCE * max(kd, LEAST_KD) + margin * kd / kp:
-        yield Fault(
+        yield LogFault(
             name="wrong_gains",
             text=f"tau_est of {name} shows kd {shown_kd:.3g}, meta.json claims {kd:.3g}",
         )

@@ -14,7 +14,7 @@ from scipy.ndimage import uniform_filter1d
 from saltus.arrays import Floats
 from saltus.constants import GRAVITY
 from saltus.real2sim.problem.log import gains_in_force, model_of, rates, untold
-from saltus.real2sim.screening.scales import Fault
+from saltus.real2sim.screening.channel_scales import LogFault
 from saltus.recordings.run_log import RunLog
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import JOINTS, Robot
@@ -39,7 +39,7 @@ GAIN_RANGE = (
 )
 
 
-def gravity_faults(log: RunLog) -> Iterator[Fault]:
+def gravity_faults(log: RunLog) -> Iterator[LogFault]:
     """Faults of joints of a held robot that hold the opposite of their weight,
     too much or too little.
     """
@@ -56,7 +56,7 @@ def gravity_faults(log: RunLog) -> Iterator[Fault]:
             f"{names[joint]} is held by {held[joint]:+.2f} Nm, its weight needs "
             f"{weight[joint]:+.2f}: "
         )
-        yield Fault(
+        yield LogFault(
             name="against_gravity",
             text=text + "a flipped sign, or the columns of the leg on the other side",
         )
@@ -67,7 +67,7 @@ def gravity_faults(log: RunLog) -> Iterator[Fault]:
             "its weight needs "
         )
         text += f"{weight[joint]:+.1f}: a gear ratio, a zero or a name is wrong"
-        yield Fault(name="off_command", text=text)
+        yield LogFault(name="off_command", text=text)
     moving = heavy & ~opposite & (np.ptp(log.joints.q, axis=0) > MOVES)
     if off.any() or log.joints.tau_est is not None or moving.sum() < 2:
         return
@@ -77,10 +77,10 @@ def gravity_faults(log: RunLog) -> Iterator[Fault]:
             f"by the claimed kp, joints are held with {ratio:.2f} times their weight: "
             "kp is not what meta.json claims"
         )
-        yield Fault(name="wrong_gains", text=text)
+        yield LogFault(name="wrong_gains", text=text)
 
 
-def feedforward_faults(log: RunLog) -> Iterator[Fault]:
+def feedforward_faults(log: RunLog) -> Iterator[LogFault]:
     """Faults of tau_ff that no tau_est is compared with:
     by the weight that it and the gains hold.
     """
@@ -112,7 +112,7 @@ def feedforward_faults(log: RunLog) -> Iterator[Fault]:
         "by the gains and "
     )
     text += "the model: " + ("a sign is flipped" if share < 0.0 else "another unit?")
-    yield Fault(name="flipped_sign" if share < 0.0 else "torque_unit", text=text)
+    yield LogFault(name="flipped_sign" if share < 0.0 else "torque_unit", text=text)
 
 
 def _weight_of_joints(log: RunLog, by_gains: Floats, extra: Floats) -> tuple[Floats, Floats]:

@@ -17,11 +17,11 @@ from typing import Any
 
 from saltus.effects.effect import map_arrays
 from saltus.real2sim.problem.log import clocks
-from saltus.real2sim.screening.clock import MIN_ROWS, clock_faults
-from saltus.real2sim.screening.depth import depth_faults
-from saltus.real2sim.screening.joints import joint_faults, unit_faults
-from saltus.real2sim.screening.rig import pose_faults, rig_faults
-from saltus.real2sim.screening.scales import Fault
+from saltus.real2sim.screening.base_faults import pose_faults, rig_faults
+from saltus.real2sim.screening.channel_scales import LogFault
+from saltus.real2sim.screening.clock_faults import MIN_ROWS, clock_faults
+from saltus.real2sim.screening.depth_faults import depth_faults
+from saltus.real2sim.screening.joint_faults import joint_faults, unit_faults
 from saltus.recordings.run_claims import segments
 from saltus.recordings.run_log import RunLog
 
@@ -39,7 +39,7 @@ AT_ONCE = {
 """Faults that single rows show, or half a second in which nothing is read."""
 
 
-def screen(log: RunLog) -> list[Fault]:
+def screen(log: RunLog) -> list[LogFault]:
     """Faults of a log, fatal ones first."""
     faults = clock_faults(log)
     if not any(fault.is_fatal for fault in faults):
@@ -47,7 +47,7 @@ def screen(log: RunLog) -> list[Fault]:
     return sorted(faults, key=lambda fault: not fault.is_fatal)
 
 
-def _of_contents(log: RunLog) -> list[Fault]:
+def _of_contents(log: RunLog) -> list[LogFault]:
     """Faults of what the columns hold; those that only the end of the log shows are no damage."""
     if len(log.joints.time_s) < MIN_ROWS:
         return pose_faults(log)
@@ -65,7 +65,7 @@ def _of_contents(log: RunLog) -> list[Fault]:
     )
 
 
-def believed_units(log: RunLog) -> list[Fault]:
+def believed_units(log: RunLog) -> list[LogFault]:
     """Faults of units.
 
     Of a log too short for its motion to be judged, those that single rows show.
@@ -77,11 +77,11 @@ def _is_short(log: RunLog) -> bool:
     return float(log.joints.time_s[-1] - log.joints.time_s[0]) < LEAST_S
 
 
-def _of_end(fault: Fault) -> Fault:
+def _of_end(fault: LogFault) -> LogFault:
     return replace(fault, text=f"{fault.text} (only the end of the log shows it)", is_fatal=False)
 
 
-def _by_motion(log: RunLog) -> list[Fault]:
+def _by_motion(log: RunLog) -> list[LogFault]:
     poses = rig_faults(log)
     # images are judged by the measured poses
     return [*joint_faults(log), *poses, *([] if poses else depth_faults(log))]
@@ -93,11 +93,11 @@ EARLIER_S = 0.5
 """Time by which a table may end before that of the joints: a camera at 5 Hz may be 0.3 s late."""
 
 
-def cut_faults(log: RunLog) -> Iterator[Fault]:
+def cut_faults(log: RunLog) -> Iterator[LogFault]:
     """Says that a log is cut, where it shows; never fatal, as what is there may be whole."""
     end_s = float(log.joints.time_s[-1])
     if said := log.meta.get("cut"):
-        yield Fault(name="cut", text=f"the recording is cut: {said}", is_fatal=False)
+        yield LogFault(name="cut", text=f"the recording is cut: {said}", is_fatal=False)
     planned = segments(log.meta)
     gone = [s for s in planned if float(s["t0"]) >= end_s]
     broken = [s for s in planned if float(s["t0"]) < end_s < float(s["t1"]) - LATE_S]
@@ -109,11 +109,11 @@ def cut_faults(log: RunLog) -> Iterator[Fault]:
             f"the log is cut: it ends at {end_s:.2f} s, its segments at {last_s:.2f} s: "
             f"{', '.join(parts)}"
         )
-        yield Fault(name="cut", text=text, is_fatal=False)
+        yield LogFault(name="cut", text=text, is_fatal=False)
     for name, time_s in clocks(log).items():
         if len(time_s) and end_s - time_s[-1] > EARLIER_S:
             text = f"{name}: ends {end_s - time_s[-1]:.2f} s before the joints: is it cut?"
-            yield Fault(name="cut", text=text, is_fatal=False)
+            yield LogFault(name="cut", text=text, is_fatal=False)
 
 
 def until(log: RunLog, end_s: float) -> RunLog:

@@ -7,25 +7,25 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.problem import Estimate, Problem
+from saltus.real2sim.problem.problem import ParameterEstimate, Problem
 from saltus.real2sim.search import decide, estimates, signature
 from saltus.real2sim.search.decide import ModelComparison, ScoredFit
 from saltus.real2sim.search.findings import (
-    Baselines,
-    Findings,
     FoundEffect,
+    ModelResiduals,
     ProblemRuling,
     RankedModel,
-    Residuals,
+    SearchFindings,
     SignalGap,
+    SimplerMethods,
 )
-from saltus.real2sim.search.fit import Evaluator, Fit
 from saltus.real2sim.search.known_fits import KnownFits
-from saltus.real2sim.search.layout import Layout, Model, model_of
-from saltus.real2sim.search.quadratic import Quadratic, dispersion, held_out_gains, spread
+from saltus.real2sim.search.model_fit import ModelFit, ProblemEvaluator
+from saltus.real2sim.search.quadratic import QuadraticCost, dispersion, held_out_gains, spread
 from saltus.real2sim.search.repeats import closed_of_repeating, repeats_of
 from saltus.real2sim.search.reported import Groups, misfits_of, stated_model, unseen_of
-from saltus.real2sim.search.split import CHANCE, Cells
+from saltus.real2sim.search.residual_split import CHANCE, ResidualCells
+from saltus.real2sim.search.unknowns_layout import ModelEffects, UnknownsLayout, model_of
 
 LASTING, UNEVEN = 0.4, 3.0
 """Noise that lasts longer than its level was read from shows in all segments, whatever they move:
@@ -50,9 +50,9 @@ RANKED = 12
 def findings(
     problem: Problem,
     comparison: ModelComparison,
-    evaluate: Evaluator,
+    evaluate: ProblemEvaluator,
     known: KnownFits,
-) -> Findings:
+) -> SearchFindings:
     """Findings from all fitted models; `evaluate` simulates the stated values."""
     scored = [comparison.score(each) for each in known.fits.values()]
     best = min(scored, key=lambda each: each.total).fit  # its residuals are closest to noise
@@ -68,7 +68,7 @@ def findings(
     alike = decide.ambiguities(comparison, chosen, scored, confusion, wide, problem.collinear)
     model = stated_model(problem, comparison, evaluate, null, chosen)
     final = model.residuals
-    tested = Cells.of(problem, ~comparison.split.is_fit)
+    tested = ResidualCells.of(problem, ~comparison.split.is_fit)
     ruling = _rule(problem, comparison, tested, null, chosen, alike, final)
     if (
         len(model.groups) == 1
@@ -83,7 +83,7 @@ def findings(
     is_stated = ruling in ("named", "set")
     fitted = {name: _state(problem, name, groups) for name, groups in model.groups.items()}
     effects = fitted if is_stated else {}
-    return Findings(
+    return SearchFindings(
         problem=problem.name,
         verdict=ruling,
         effects=tuple(one for name, stated in effects.items() if not alike[name] for one in stated),
@@ -102,7 +102,7 @@ def findings(
         ranking=_ranking(comparison, scored, null),
         confusion=confusion,
         gaps=_gaps(problem, tested, null.fit.residuals, final),
-        residuals=Residuals(
+        residuals=ModelResiduals(
             before=null.fit.residuals,
             after=final,
             unknowns=model.unknowns,
@@ -118,7 +118,7 @@ def findings(
     )
 
 
-def _state(problem: Problem, effect: str, groups: list[estimates.Group]) -> list[FoundEffect]:
+def _state(problem: Problem, effect: str, groups: list[estimates.EffectGroup]) -> list[FoundEffect]:
     total = len(problem.blocks) * sum(
         candidate.effect == effect for candidate in problem.candidates
     )
@@ -129,8 +129,8 @@ def _state(problem: Problem, effect: str, groups: list[estimates.Group]) -> list
 def _instead(
     problem: Problem,
     comparison: ModelComparison,
-    fits: dict[Model, Fit],
-    chosen: Model,
+    fits: dict[ModelEffects, ModelFit],
+    chosen: ModelEffects,
     alike: dict[str, list[str]],
 ) -> list[FoundEffect]:
     """Values of the other effects of a set, each in place of the chosen one."""
@@ -147,7 +147,7 @@ def _instead(
 def _rule(
     problem: Problem,
     comparison: ModelComparison,
-    tested: Cells,
+    tested: ResidualCells,
     null: ScoredFit,
     chosen: ScoredFit,
     alike: dict[str, list[str]],
@@ -205,7 +205,7 @@ def _is_shown_once(problem: Problem, residuals: Floats, least: float) -> bool:
     A foot that rests otherwise moves all joints of its leg. Segments count as a whole, with what
     fits have not seen.
     """
-    whole = Cells.of(problem, np.ones(len(problem.time_s), dtype=bool))
+    whole = ResidualCells.of(problem, np.ones(len(problem.time_s), dtype=bool))
     shown = np.any(whole.rms(whole.structure(residuals)) > least, axis=0)
     segments = np.unique(whole.segment[shown])
     return len(segments) == 1 and bool(repeats_of(problem, int(segments[0])))
@@ -226,7 +226,9 @@ def _is_beyond_resolution(problem: Problem, groups: Groups) -> bool:
     return any(beyond) or not beyond
 
 
-def _closed(comparison: ModelComparison, tested: Cells, before: Floats, after: Floats) -> float:
+def _closed(
+    comparison: ModelComparison, tested: ResidualCells, before: Floats, after: Floats
+) -> float:
     """Share of the structure on test segments that is gone, in the cells that showed any.
 
     Where none did, the test can only be nearer to the model or not: 1 or 0.
@@ -238,7 +240,7 @@ def _closed(comparison: ModelComparison, tested: Cells, before: Floats, after: F
     return tested.share_gone(structure, tested.structure(after), shows)
 
 
-def _closes_all(tested: Cells, before: Floats, after: Floats) -> bool:
+def _closes_all(tested: ResidualCells, before: Floats, after: Floats) -> bool:
     """True where all cells of the test together show more than chance,
     and a model closes `WEAKLY` of it.
     """
@@ -270,7 +272,9 @@ def _ranking(
     return tuple(ranked)
 
 
-def _gaps(problem: Problem, tested: Cells, before: Floats, after: Floats) -> tuple[SignalGap, ...]:
+def _gaps(
+    problem: Problem, tested: ResidualCells, before: Floats, after: Floats
+) -> tuple[SignalGap, ...]:
     """Gap of each signal.
 
     The floor is what noise alone leaves of whitened residuals, or the model if that is less.
@@ -306,7 +310,7 @@ def _minimum_detectable(
     known: KnownFits,
     wide: float,
     untestable: Collection[str],
-) -> dict[str, Estimate]:
+) -> dict[str, ParameterEstimate]:
     """Smallest size of each effect that would be found, at the place that shows it best.
 
     With nuisances projected out, by derivatives at the model without effects, its gain must reach
@@ -339,15 +343,15 @@ def _minimum_detectable(
 
 
 def _physical_size(
-    problem: Problem, comparison: ModelComparison, around: Quadratic, size: float, index: int
-) -> Estimate:
+    problem: Problem, comparison: ModelComparison, around: QuadraticCost, size: float, index: int
+) -> ParameterEstimate:
     columns = comparison.layout.of_candidate(index)
     values = around.point[0, columns].copy()
     values[0] = min(size, float(comparison.layout.high[columns[0]]))
     return next(iter(problem.candidates[index].parameters(values).values()))
 
 
-def _signature(information: Floats, slopes: Floats, column: int, layout: Layout) -> Floats:
+def _signature(information: Floats, slopes: Floats, column: int, layout: UnknownsLayout) -> Floats:
     """Change of the residuals of a block by an unknown, shape (m,), without what nuisances make up
     for in a fit.
     """
@@ -357,8 +361,8 @@ def _signature(information: Floats, slopes: Floats, column: int, layout: Layout)
 
 
 def _baselines(
-    comparison: ModelComparison, around: Quadratic, scored: Sequence[ScoredFit]
-) -> Baselines:
+    comparison: ModelComparison, around: QuadraticCost, scored: Sequence[ScoredFit]
+) -> SimplerMethods:
     """Effects that simpler methods name: all above a threshold in one fit; the best single one."""
     layout = comparison.layout
     named = set()
@@ -377,6 +381,6 @@ def _baselines(
     lowest = min(
         singles, key=lambda each: float(np.sum(each.residuals[:, seen] ** 2)), default=None
     )
-    return Baselines(
+    return SimplerMethods(
         threshold=tuple(sorted(named)), lowest_training_error=lowest.model if lowest else ()
     )

@@ -7,12 +7,12 @@ import numpy as np
 
 from saltus.arrays import Floats
 from saltus.real2sim.problem.problem import Candidate
-from saltus.real2sim.search.findings import Confusion
-from saltus.real2sim.search.fit import Fit
-from saltus.real2sim.search.layout import Layout, Model
+from saltus.real2sim.search.findings import EffectConfusion
+from saltus.real2sim.search.model_fit import ModelFit
 from saltus.real2sim.search.quadratic import dispersion as quadratic_dispersion
 from saltus.real2sim.search.quadratic import downside, held_out_gains
-from saltus.real2sim.search.split import TEST, Cells, Split
+from saltus.real2sim.search.residual_split import TEST, ResidualCells, ResidualSplit
+from saltus.real2sim.search.unknowns_layout import ModelEffects, UnknownsLayout
 
 GAIN_NATS = 10.0
 """Smallest held-out gain of an effect [nats], after division by the dispersion. Without the effect,
@@ -72,7 +72,7 @@ class ScoredFit:
         structure: Mean square beyond noise, shape (blocks, cells).
     """
 
-    fit: Fit
+    fit: ModelFit
     held_out: Floats
     structure: Floats
 
@@ -86,16 +86,16 @@ class ScoredFit:
 class ModelComparison:
     """Split, cells and thresholds with which models are compared."""
 
-    layout: Layout
-    split: Split
-    cells: Cells
+    layout: UnknownsLayout
+    split: ResidualSplit
+    cells: ResidualCells
     rng: np.random.Generator
     size: float
     """Smallest RMS of an effect [sigma of a residual]."""
     further_share: float = FURTHER_SHARE
     """Smallest share of the whole gap that a further effect must close."""
 
-    def score(self, fit: Fit) -> ScoredFit:
+    def score(self, fit: ModelFit) -> ScoredFit:
         """The fit with its held-out cost and its structure."""
         quadratic = fit.quadratic(self.layout, self.split)
         held_out = quadratic.held_out_cost(np.ones(len(fit.columns), dtype=bool))
@@ -130,7 +130,7 @@ class ModelComparison:
         return self.cells.share_gone(before.structure, after.structure, shows)
 
 
-def explains(comparison: ModelComparison, null: Fit, fit: Fit) -> bool:
+def explains(comparison: ModelComparison, null: ModelFit, fit: ModelFit) -> bool:
     """True where a model closes enough of the gap to stand in place of another."""
     before, after = (
         comparison.cells.structure(null.residuals),
@@ -218,14 +218,14 @@ def _is_whole(comparison: ModelComparison, rival: ScoredFit, further: float) -> 
     return further >= WHOLE_SHARE and not comparison.is_gap(rival.fit.residuals)
 
 
-def _chance(comparison: ModelComparison, model: Model) -> float:
+def _chance(comparison: ModelComparison, model: ModelEffects) -> float:
     """Share of the gap that a model may leave to chance,
     e.g. how a drive hunts between two steps.
     """
     return 1.0 - min(c.closable_share for c in comparison.layout.candidates if c.effect in model)
 
 
-def _in_resolutions(comparison: ModelComparison, fit: Fit, effect: str) -> float:
+def _in_resolutions(comparison: ModelComparison, fit: ModelFit, effect: str) -> float:
     """Size of an effect at the place where it is largest, in parts of what two correct simulations
     differ by; infinite where that is not known.
 
@@ -245,7 +245,7 @@ def least_value(candidate: Candidate) -> float:
     return CLEARLY * candidate.resolution if candidate.resolution else np.inf
 
 
-def may_gain(comparison: ModelComparison, null: Fit, fit: Fit) -> bool:
+def may_gain(comparison: ModelComparison, null: ModelFit, fit: ModelFit) -> bool:
     """True where a model with one more effect could be chosen.
 
     The fit then leaves enough of the gap, and not far too much.
@@ -267,7 +267,11 @@ def may_gain(comparison: ModelComparison, null: Fit, fit: Fit) -> bool:
 
 
 def explained_share(
-    comparison: ModelComparison, model: Model, *, leaves_gap: bool = True, leaves_more: bool = True
+    comparison: ModelComparison,
+    model: ModelEffects,
+    *,
+    leaves_gap: bool = True,
+    leaves_more: bool = True,
 ) -> float:
     """Share of the gap that a model must close to be an explanation; less where it leaves none.
 
@@ -281,18 +285,20 @@ def explained_share(
     return share * min(c.closable_share for c in candidates)
 
 
-def leaves_chance(comparison: ModelComparison, model: Model) -> bool:
+def leaves_chance(comparison: ModelComparison, model: ModelEffects) -> bool:
     """True where one of the effects leaves what differs from repeat to repeat."""
     return any(c.leaves_chance for c in comparison.layout.candidates if c.effect in model)
 
 
-def shows_little(comparison: ModelComparison, fits: dict[Model, Fit], fit: Fit) -> bool:
+def shows_little(
+    comparison: ModelComparison, fits: dict[ModelEffects, ModelFit], fit: ModelFit
+) -> bool:
     """True where no cell shows the one effect of a model: its value alone tells it."""
     return len(fit.model) == 1 and largest_rms(comparison, fits, fit, *fit.model) < comparison.size
 
 
 def largest_rms(
-    comparison: ModelComparison, fits: dict[Model, Fit], fit: Fit, effect: str
+    comparison: ModelComparison, fits: dict[ModelEffects, ModelFit], fit: ModelFit, effect: str
 ) -> float:
     """RMS of what an effect adds to a model, in the cell that shows it best [sigma].
 
@@ -313,7 +319,7 @@ def ambiguities(
     comparison: ModelComparison,
     chosen: ScoredFit,
     scored: Sequence[ScoredFit],
-    confusion: Confusion,
+    confusion: EffectConfusion,
     dispersion: float,
     collinear: float,
 ) -> dict[str, list[str]]:

@@ -6,10 +6,10 @@ import numpy as np
 from scipy import stats
 
 from saltus.arrays import Floats, Indices
-from saltus.real2sim.problem.problem import Candidate, Estimate, Problem
+from saltus.real2sim.problem.problem import Candidate, ParameterEstimate, Problem
 from saltus.real2sim.search.decide import ModelComparison
-from saltus.real2sim.search.findings import FoundEffect, Interval
-from saltus.real2sim.search.fit import Fit
+from saltus.real2sim.search.findings import FoundEffect, ParameterInterval
+from saltus.real2sim.search.model_fit import ModelFit
 from saltus.real2sim.search.quadratic import covariance, white_covariance
 
 SAME = 0.1
@@ -59,7 +59,7 @@ class EffectPlace:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Group:
+class EffectGroup:
     """Places at which an effect has one value; its covariances are those of `EffectPlace`."""
 
     places: tuple[EffectPlace, ...]
@@ -69,7 +69,7 @@ class Group:
 
 
 def places_of(
-    problem: Problem, comparison: ModelComparison, fit: Fit, effect: str
+    problem: Problem, comparison: ModelComparison, fit: ModelFit, effect: str
 ) -> list[EffectPlace]:
     """Estimates of a fitted effect at all its places."""
     quadratic = fit.quadratic(comparison.layout, comparison.split)
@@ -101,7 +101,7 @@ def places_of(
 
 
 def _misfit_norm(
-    comparison: ModelComparison, fit: Fit, block: int, candidate: Candidate, own: Indices
+    comparison: ModelComparison, fit: ModelFit, block: int, candidate: Candidate, own: Indices
 ) -> Floats:
     """Norm by which a true effect may differ from its model along the signature of each unknown,
     shape (own,).
@@ -124,7 +124,7 @@ def _misfit_norm(
     return np.asarray(np.sqrt(candidate.model_error**2 * added + ALONG**2 * left))
 
 
-def group(problem: Problem, places: list[EffectPlace], least: float) -> list[Group]:
+def group(problem: Problem, places: list[EffectPlace], least: float) -> list[EffectGroup]:
     """The simplest pattern of places and values that agrees with the estimates.
 
     Patterns, simplest first: one value everywhere; at one kind of place; in one block; at one
@@ -167,12 +167,12 @@ def group(problem: Problem, places: list[EffectPlace], least: float) -> list[Gro
     return [_pool(each) for each in (*alike, *([place] for place in rest))]
 
 
-def each_alone(problem: Problem, places: list[EffectPlace], least: float) -> list[Group]:
+def each_alone(problem: Problem, places: list[EffectPlace], least: float) -> list[EffectGroup]:
     """Every place at which an effect is present, with its own value; arguments as `group`."""
     return [_pool([places[i]]) for i in present_at(problem, places, least)]
 
 
-def each_trace(places: list[EffectPlace], least: float) -> list[Group]:
+def each_trace(places: list[EffectPlace], least: float) -> list[EffectGroup]:
     """Every place at which the effect has an RMS of `least`,
     and the place that shows it best, with its own value.
     """
@@ -196,7 +196,7 @@ def present_at(problem: Problem, places: list[EffectPlace], least: float) -> lis
     return found or [largest]
 
 
-def stated_apart(problem: Problem, one: Group) -> list[Group]:
+def stated_apart(problem: Problem, one: EffectGroup) -> list[EffectGroup]:
     """The group, in parts where its value means other parameters,
     as it counts from what a profile has there.
     """
@@ -207,7 +207,7 @@ def stated_apart(problem: Problem, one: Group) -> list[Group]:
     return [replace(one, places=tuple(places)) for places in parts.values()]
 
 
-def found_effect(problem: Problem, effect: str, one: Group, total: int) -> FoundEffect:
+def found_effect(problem: Problem, effect: str, one: EffectGroup, total: int) -> FoundEffect:
     """A group, of `total` places at which the effect could be, in the form of the verdict."""
     names = tuple(place.name for place in one.places)
     where: str | tuple[str, ...] = names
@@ -218,7 +218,7 @@ def found_effect(problem: Problem, effect: str, one: Group, total: int) -> Found
     return FoundEffect(name=effect, where=where, params=_intervals(problem, one))
 
 
-def _intervals(problem: Problem, one: Group) -> dict[str, Interval]:
+def _intervals(problem: Problem, one: EffectGroup) -> dict[str, ParameterInterval]:
     """Physical parameters with errors by noise and by a wrong shape.
 
     The second is at least the share of correct models, of the parameter or, for a size, of its
@@ -255,10 +255,10 @@ def _variances(
     return variance
 
 
-def _interval(at: Estimate, error: float) -> Interval:
+def _interval(at: ParameterEstimate, error: float) -> ParameterInterval:
     half_width = float(stats.norm.ppf(0.95)) * error
     ci90 = (float(at.value - half_width), float(at.value + half_width))
-    return Interval(value=float(at.value), ci90=ci90, unit=at.unit)
+    return ParameterInterval(value=float(at.value), ci90=ci90, unit=at.unit)
 
 
 def _sized(candidate: Candidate) -> Indices:
@@ -310,7 +310,7 @@ def _by_kind(problem: Problem, places: list[EffectPlace]) -> list[list[EffectPla
     ]
 
 
-def _between(kind: Group, kinds: list[Group]) -> Floats:
+def _between(kind: EffectGroup, kinds: list[EffectGroup]) -> Floats:
     """Inverse covariance of the value of a kind,
     with drives that differ by a share of the largest value.
     """
@@ -337,7 +337,7 @@ def _misfit(
     return _agreement(problem, [places[i] for i in members])
 
 
-def _pool(places: list[EffectPlace]) -> Group:
+def _pool(places: list[EffectPlace]) -> EffectGroup:
     """One value for several places, weighted by their errors; its error covers their scatter.
 
     Places have one law, so that a wrong shape moves the values of all of them alike: its error does
@@ -354,4 +354,4 @@ def _pool(places: list[EffectPlace]) -> Group:
         covariance = covariance * max(1.0, square / ((len(places) - 1) * len(value)))
     shown = np.array([place.rms**2 for place in places])
     misfit = np.average([p.misfit for p in places], axis=0, weights=np.maximum(shown, TINY))
-    return Group(places=tuple(places), value=value, covariance=covariance, misfit=misfit)
+    return EffectGroup(places=tuple(places), value=value, covariance=covariance, misfit=misfit)

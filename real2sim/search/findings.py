@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.problem import Estimate
+from saltus.real2sim.problem.problem import ParameterEstimate
 
 ProblemRuling = Literal["named", "set", "unexplained", "no_gap"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Interval:
+class ParameterInterval:
     """A physical parameter with the interval that contains the truth in 90 % of logs."""
 
     value: float
@@ -28,7 +28,7 @@ class FoundEffect:
     name: str
     where: str | tuple[str, ...]
     """"all", names of places, or one name if the problem has one place only."""
-    params: dict[str, Interval]
+    params: dict[str, ParameterInterval]
     curve: tuple[tuple[float, float], ...] = ()
     """Curve of a saturation: commanded and delivered torque at these places [Nm]."""
 
@@ -57,7 +57,7 @@ class SignalGap:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Confusion:
+class EffectConfusion:
     """Cosines between the changes that effects make in the residuals,
     with nuisances projected out.
     """
@@ -74,7 +74,7 @@ class Confusion:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Residuals:
+class ModelResiduals:
     """Whitened residuals of two models; shapes as in `saltus.real2sim.problem.problem`."""
 
     before: Floats
@@ -90,7 +90,7 @@ class Residuals:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Baselines:
+class SimplerMethods:
     """Effects that simpler methods would have named, for the benchmark."""
 
     threshold: tuple[str, ...]
@@ -101,7 +101,7 @@ class Baselines:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Findings:
+class SearchFindings:
     """The result of `saltus.real2sim.search.search` for one kind of sensor."""
 
     problem: str
@@ -116,21 +116,21 @@ class Findings:
     """Fitted values of the best model of an unexplained gap, which is too far off to be named."""
     ranking: tuple[RankedModel, ...] = ()
     """Best first."""
-    confusion: Confusion = field(
-        default_factory=lambda: Confusion(effects=(), cosine=np.zeros((0, 0)))
+    confusion: EffectConfusion = field(
+        default_factory=lambda: EffectConfusion(effects=(), cosine=np.zeros((0, 0)))
     )
     gaps: tuple[SignalGap, ...] = ()
-    residuals: Residuals | None = None
+    residuals: ModelResiduals | None = None
     """None where nothing was fitted."""
     remainder: float = 0.0
     """RMS beyond noise after the chosen model, in the segment and signal that show it best
     [sigma]."""
-    minimum_detectable: dict[str, Estimate] = field(default_factory=dict)
+    minimum_detectable: dict[str, ParameterEstimate] = field(default_factory=dict)
     misfits: tuple[str, ...] = ()
     """Effects of the profile without which the simulator is much nearer to the log."""
     untestable: dict[str, str] = field(default_factory=dict)
-    baselines: Baselines = field(
-        default_factory=lambda: Baselines(threshold=(), lowest_training_error=())
+    baselines: SimplerMethods = field(
+        default_factory=lambda: SimplerMethods(threshold=(), lowest_training_error=())
     )
     evaluations: int = 0
     """Number of simulated sets of unknowns."""

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.real2sim.search import fit
-from saltus.real2sim.search.fit import Evaluator, Fit
-from saltus.real2sim.search.layout import Layout, Model
-from saltus.real2sim.search.quadratic import Quadratic
-from saltus.real2sim.search.split import Split
+from saltus.real2sim.search import model_fit
+from saltus.real2sim.search.model_fit import ModelFit, ProblemEvaluator
+from saltus.real2sim.search.quadratic import QuadraticCost
+from saltus.real2sim.search.residual_split import ResidualSplit
+from saltus.real2sim.search.unknowns_layout import ModelEffects, UnknownsLayout
 
 
 class KnownFits:
@@ -23,42 +23,42 @@ class KnownFits:
 
     def __init__(
         self,
-        layout: Layout,
-        split: Split,
-        evaluate: Evaluator,
-        null: Fit,
+        layout: UnknownsLayout,
+        split: ResidualSplit,
+        evaluate: ProblemEvaluator,
+        null: ModelFit,
         cost: Callable[[Floats], float],
     ) -> None:
         self._layout, self._split, self._evaluate = layout, split, evaluate
         self._cost_of = cost
-        self.fits: dict[Model, Fit] = {(): null}
+        self.fits: dict[ModelEffects, ModelFit] = {(): null}
         self.rest = null.unknowns.copy()
         """All unknowns without any effect, with the shapes that look best, shape (blocks,
         unknowns)."""
         self._choices: dict[str, dict[float, Floats]] = {}
         """Derivatives by all unknowns without effects, for each effect with a choice and each value
         of that choice; arrays of shape (blocks, unknowns, m)."""
-        self._libraries: dict[Model, Floats] = {(): self._slopes_of_starts(null)}
+        self._libraries: dict[ModelEffects, Floats] = {(): self._slopes_of_starts(null)}
 
-    def best(self, size: int) -> Model:
+    def best(self, size: int) -> ModelEffects:
         """The best-fitting model of this many effects, or of fewer if there is none."""
         return self.of_size(max(len(model) for model in self.fits if len(model) <= size))[0].model
 
-    def of_size(self, size: int) -> list[Fit]:
+    def of_size(self, size: int) -> list[ModelFit]:
         """Fits of this many effects, the best first."""
         return sorted(
             (each for each in self.fits.values() if len(each.model) == size), key=self.cost
         )
 
-    def cost(self, each: Fit) -> float:
+    def cost(self, each: ModelFit) -> float:
         """Sum of squares of the residuals that fits see."""
         return self._cost_of(each.residuals)
 
-    def keep(self, fits: Iterable[Fit]) -> None:
+    def keep(self, fits: Iterable[ModelFit]) -> None:
         """Fits in place of the known ones of the same models."""
         self.fits |= {each.model: each for each in fits}
 
-    def starts(self, model: Model, nearest: Fit) -> list[Fit]:
+    def starts(self, model: ModelEffects, nearest: ModelFit) -> list[ModelFit]:
         """Starts of a fit, one for every value of a choice that the fit of fewer effects lacks.
 
         No slope leads from one value of a choice to another, and the better one alone may be the
@@ -73,7 +73,7 @@ class KnownFits:
             ]
         return starts
 
-    def _start(self, model: Model, nearest: Fit) -> Fit:
+    def _start(self, model: ModelEffects, nearest: ModelFit) -> ModelFit:
         """Start of a fit: the fit of fewer effects, with derivatives from the nearest library."""
         columns = self._layout.of_model(model)
         unknowns = nearest.unknowns.copy()
@@ -83,7 +83,7 @@ class KnownFits:
         library = self._libraries[known]
         jacobian = library[:, columns].copy()
         jacobian[:, np.isin(columns, nearest.columns)] = nearest.jacobian
-        return Fit(
+        return ModelFit(
             model=model,
             columns=columns,
             unknowns=unknowns,
@@ -91,7 +91,7 @@ class KnownFits:
             jacobian=jacobian,
         )
 
-    def _chosen(self, start: Fit, effect: str, value: float, slopes: Floats) -> Fit:
+    def _chosen(self, start: ModelFit, effect: str, value: float, slopes: Floats) -> ModelFit:
         """A start with this value of a choice; blocks with another get the derivatives there."""
         choices, own = self._layout.choices([effect]), self._layout.of_effects([effect])
         other = np.flatnonzero(np.any(start.unknowns[:, choices] != value, axis=1))
@@ -102,7 +102,7 @@ class KnownFits:
         ]
         return replace(start, unknowns=unknowns, jacobian=jacobian)
 
-    def parts(self, model: Model) -> list[Fit]:
+    def parts(self, model: ModelEffects) -> list[ModelFit]:
         """Fits of some of a model's effects to start from.
 
         The best one. For pairs with shapes also each effect alone: a shape that made up for the
@@ -116,11 +116,11 @@ class KnownFits:
             found += [self.fits[effect,] for effect in model]
         return list({each.model: each for each in found}.values())
 
-    def forget(self, model: Model) -> None:
+    def forget(self, model: ModelEffects) -> None:
         """Derivatives at a fit that has moved."""
         self._libraries.pop(model, None)
 
-    def library(self, model: Model) -> Floats:
+    def library(self, model: ModelEffects) -> Floats:
         """Derivatives by all unknowns at a fit, shape (blocks, unknowns, m); computed once."""
         if model not in self._libraries:
             here = self.fits[model]
@@ -129,23 +129,23 @@ class KnownFits:
             unknowns[:, idle] = self.rest[:, idle]
             library = np.zeros((len(unknowns), len(layout.scale), here.residuals.shape[1]))
             moving = np.union1d(np.setdiff1d(idle, np.flatnonzero(layout.is_shape)), here.columns)
-            library[:, moving] = fit.slopes(
+            library[:, moving] = model_fit.slopes(
                 self._evaluate, layout, unknowns, here.residuals, moving, "slopes"
             )
             self._libraries[model] = library
             self.fits[model] = replace(here, jacobian=library[:, here.columns])
         return self._libraries[model]
 
-    def quadratic(self, model: Model) -> Quadratic:
+    def quadratic(self, model: ModelEffects) -> QuadraticCost:
         """The quadratic by all unknowns around a fit."""
         every = np.arange(len(self._layout.scale))
         here = self.fits[model]
         unknowns = np.where(np.isin(every, here.columns), here.unknowns, self.rest)
-        return Quadratic.of(
+        return QuadraticCost.of(
             self._layout, self._split, every, unknowns, here.residuals, self.library(model)
         )
 
-    def _slopes_of_starts(self, null: Fit) -> Floats:
+    def _slopes_of_starts(self, null: ModelFit) -> Floats:
         """Derivatives by all unknowns, each candidate at its most promising shape,
         which is kept.
         """

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.arrays import Floats, Indices
-from saltus.real2sim.search.layout import Layout
-from saltus.real2sim.search.split import TEST, Mask, Split
+from saltus.real2sim.search.residual_split import TEST, Mask, ResidualSplit
+from saltus.real2sim.search.unknowns_layout import UnknownsLayout
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Quadratic:
+class QuadraticCost:
     """Costs around a point.
 
     Attributes:
@@ -37,18 +37,18 @@ class Quadratic:
     hessian: Floats
     gradient: Floats
     cost: Floats
-    split: Split
+    split: ResidualSplit
 
     @classmethod
     def of(
         cls,
-        layout: Layout,
-        split: Split,
+        layout: UnknownsLayout,
+        split: ResidualSplit,
         columns: Indices,
         point: Floats,
         residuals: Floats,
         jacobian: Floats,
-    ) -> "Quadratic":
+    ) -> "QuadraticCost":
         """The quadratic approximation from residuals and their Jacobian.
 
         Args:
@@ -183,7 +183,7 @@ RESAMPLES = 400
 """With this number the 5 and 95 % quantiles scatter by about a tenth of the standard deviation."""
 
 
-def held_out_gains(before: Floats, after: Floats, split: Split) -> Floats:
+def held_out_gains(before: Floats, after: Floats, split: ResidualSplit) -> Floats:
     """Gain [nats] of each chunk outside the test, from costs of shape (blocks, chunks)."""
     return np.asarray(0.5 * (before - after).sum(axis=0)[split.fold != TEST])
 
@@ -208,7 +208,7 @@ def downside(gains: Floats) -> float:
     return float(np.sqrt(2.0 * np.sum(np.minimum(gains, 0.0) ** 2)))
 
 
-def covariance(quadratic: Quadratic, block: int, free: Mask) -> Floats:
+def covariance(quadratic: QuadraticCost, block: int, free: Mask) -> Floats:
     """Covariance of the fitted unknowns for residuals of any colour,
     shape (k, k); 0 where not free.
 
@@ -230,7 +230,7 @@ def covariance(quadratic: Quadratic, block: int, free: Mask) -> Floats:
     return full
 
 
-def white_covariance(quadratic: Quadratic, block: int, free: Mask) -> Floats:
+def white_covariance(quadratic: QuadraticCost, block: int, free: Mask) -> Floats:
     """Covariance of the fitted unknowns for white residuals of one sigma,
     shape (k, k); 0 where not free.
     """
@@ -242,7 +242,7 @@ def white_covariance(quadratic: Quadratic, block: int, free: Mask) -> Floats:
     return full
 
 
-def dispersion(quadratic: Quadratic, free: Mask) -> float:
+def dispersion(quadratic: QuadraticCost, free: Mask) -> float:
     """Ratio of the variance of scores to that of white noise of unit variance, at least 1.
 
     Gains divided by it are as those of independent samples.

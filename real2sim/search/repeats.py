@@ -6,14 +6,14 @@ import numpy as np
 
 from saltus.arrays import Floats
 from saltus.real2sim.problem.problem import Problem
-from saltus.real2sim.search.split import Cells
+from saltus.real2sim.search.residual_split import ResidualCells
 
 LEAST_REPEATING = 0.5
 """Part of the gap that must repeat: else the motions do not, or there is nothing but chance."""
 
 
 def closed_of_repeating(
-    problem: Problem, tested: Cells, before: Floats, after: Floats, shows: np.ndarray
+    problem: Problem, tested: ResidualCells, before: Floats, after: Floats, shows: np.ndarray
 ) -> float:
     """Share that is gone of the structure that repeats, in the cells that show any;
     0 where too little of it repeats.
@@ -32,7 +32,7 @@ def closed_of_repeating(
     return 1.0 - max(last, 0.0) / first
 
 
-def _repeating(problem: Problem, tested: Cells, residuals: Floats) -> Floats:
+def _repeating(problem: Problem, tested: ResidualCells, residuals: Floats) -> Floats:
     """Shape (blocks, cells)."""
     found = np.zeros((len(residuals), len(tested.starts)))
     for cell, rows in enumerate(np.split(tested.rows, tested.starts[1:])):

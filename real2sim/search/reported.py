@@ -9,9 +9,9 @@ import numpy as np
 
 from saltus.arrays import Floats
 from saltus.real2sim.problem.problem import Problem
-from saltus.real2sim.search import decide, estimates, fit
+from saltus.real2sim.search import decide, estimates, model_fit
 from saltus.real2sim.search.decide import CLEAR_SHARE, REMAINDER_SHARE, ModelComparison, ScoredFit
-from saltus.real2sim.search.fit import Evaluator, Fit, refine, renewed
+from saltus.real2sim.search.model_fit import ModelFit, ProblemEvaluator, refine, renewed
 from saltus.real2sim.search.quadratic import bounded_minimum
 
 ITERATIONS = 3
@@ -23,7 +23,7 @@ AS_GOOD = 1.1
 """Ratio of costs up to which a statement is as good as the best one: values of equal drives scatter
 by 10 % (`estimates.SAME`)."""
 
-Groups = dict[str, list[estimates.Group]]
+Groups = dict[str, list[estimates.EffectGroup]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,7 +40,7 @@ class StatedModel:
 def stated_model(
     problem: Problem,
     comparison: ModelComparison,
-    evaluate: Evaluator,
+    evaluate: ProblemEvaluator,
     null: ScoredFit,
     chosen: ScoredFit,
 ) -> StatedModel:
@@ -96,7 +96,11 @@ class _TiedModel:
     """
 
     def __init__(
-        self, problem: Problem, comparison: ModelComparison, start: fit.Fit, groups: Groups
+        self,
+        problem: Problem,
+        comparison: ModelComparison,
+        start: model_fit.ModelFit,
+        groups: Groups,
     ) -> None:
         self._comparison, self._start, self._groups = comparison, start, groups
         layout = comparison.layout
@@ -127,7 +131,7 @@ class _TiedModel:
         )
         self._values = np.clip(np.array(values), self._low, self._high)
 
-    def fitted(self, evaluate: Evaluator) -> StatedModel:
+    def fitted(self, evaluate: ProblemEvaluator) -> StatedModel:
         """Fits by Gauss-Newton; stops at the first step that does not help."""
         values = self._values
         unknowns = self._unknowns(values)
@@ -147,13 +151,13 @@ class _TiedModel:
         return StatedModel(groups=self._regrouped(values), unknowns=unknowns, residuals=residuals)
 
     def _change(
-        self, evaluate: Evaluator, values: Floats, unknowns: Floats, residuals: Floats
+        self, evaluate: ProblemEvaluator, values: Floats, unknowns: Floats, residuals: Floats
     ) -> Floats:
         layout, seen = self._comparison.layout, self._comparison.split.is_fit
         columns = np.unique([column for seats in self._seats for _, column in seats])
-        jacobian = fit.slopes(evaluate, layout, unknowns, residuals, columns, "reported values")[
-            :, :, seen
-        ]
+        jacobian = model_fit.slopes(
+            evaluate, layout, unknowns, residuals, columns, "reported values"
+        )[:, :, seen]
         count = len(self._seats)
         tied = np.zeros((len(residuals), len(columns), count))
         for i, seats in enumerate(self._seats):
@@ -191,7 +195,7 @@ besides may hide them."""
 NOT_REACHED = "with and without the profile's, the log is simulated alike: it does not reach it"
 
 
-def unseen_of(problem: Problem, comparison: ModelComparison, null: Fit) -> dict[str, str]:
+def unseen_of(problem: Problem, comparison: ModelComparison, null: ModelFit) -> dict[str, str]:
     """Effects of the profile that change nothing in the log by `SIZE_RMS`,
     and what is said of them.
     """
@@ -207,7 +211,7 @@ def unseen_of(problem: Problem, comparison: ModelComparison, null: Fit) -> dict[
 def misfits_of(
     problem: Problem,
     comparison: ModelComparison,
-    fits: Sequence[Fit],
+    fits: Sequence[ModelFit],
     stated: StatedModel,
     seen: set[str],
 ) -> tuple[str, ...]:
@@ -247,7 +251,7 @@ def _is_idle(problem: Problem, comparison: ModelComparison, stated: StatedModel,
 
 
 def _without_misfits(
-    problem: Problem, comparison: ModelComparison, fit: Fit, seen: set[str]
+    problem: Problem, comparison: ModelComparison, fit: ModelFit, seen: set[str]
 ) -> tuple[tuple[str, ...], Floats]:
     """Effects of the profile, each of which leaves a good part less when it goes,
     and the residuals without them.
@@ -266,8 +270,8 @@ def _without_misfits(
     return gone, fit.residuals
 
 
-def _refitted(problem: Problem, comparison: ModelComparison, old: Fit) -> Fit:
-    evaluate, stage = Evaluator(problem), "profile"
+def _refitted(problem: Problem, comparison: ModelComparison, old: ModelFit) -> ModelFit:
+    evaluate, stage = ProblemEvaluator(problem), "profile"
     fresh = renewed(evaluate, comparison.layout, [old], stage)
     (fit,) = refine(evaluate, comparison.layout, comparison.split, fresh, stage=stage)
     return fit

@@ -3,7 +3,7 @@
 It knows problems (`saltus.real2sim.problem.problem`), not robots. Steps:
 
 1. Fit the nuisances alone, the model without effects. Split the log
-   (`saltus.real2sim.search.split`).
+   (`saltus.real2sim.search.residual_split`).
 2. Compute derivatives by every unknown there; fit each effect alone.
 3. Compute derivatives at the best single effect. There the quadratic approximation shows which
    effects are missing or should be swapped: an effect that explains nothing alone may be half of
@@ -22,12 +22,12 @@ import numpy as np
 
 from saltus.arrays import Floats
 from saltus.real2sim.problem.problem import Problem
-from saltus.real2sim.search import conclude, decide, fit
-from saltus.real2sim.search.findings import Findings
-from saltus.real2sim.search.fit import Evaluator, Fit
+from saltus.real2sim.search import conclude, decide, model_fit
+from saltus.real2sim.search.findings import SearchFindings
 from saltus.real2sim.search.known_fits import KnownFits
-from saltus.real2sim.search.layout import Layout, Model, model_of
-from saltus.real2sim.search.split import Cells, Split
+from saltus.real2sim.search.model_fit import ModelFit, ProblemEvaluator
+from saltus.real2sim.search.residual_split import ResidualCells, ResidualSplit
+from saltus.real2sim.search.unknowns_layout import ModelEffects, UnknownsLayout, model_of
 
 REFITTED = 4
 """Number of single effects that are refitted with fresh derivatives.
@@ -47,13 +47,13 @@ that is stated."""
 
 def search(
     problem: Problem, *, progress: Callable[[str, int], None] | None = None, seed: int = 0
-) -> Findings:
+) -> SearchFindings:
     """Finds the effects that explain the gap between a problem's log and the simulator.
 
     `progress` is called with the stage and the number of simulations since the last call.
     """
     if not len(problem.time_s):
-        return Findings(problem=problem.name, verdict="no_gap", untestable=problem.untestable)
+        return SearchFindings(problem=problem.name, verdict="no_gap", untestable=problem.untestable)
     return _Search(problem, progress, seed).run()
 
 
@@ -64,20 +64,20 @@ class _Search:
         self, problem: Problem, progress: Callable[[str, int], None] | None, seed: int
     ) -> None:
         self._problem = problem
-        self._layout = Layout.of(problem)
-        self._evaluate = Evaluator(problem, progress)
+        self._layout = UnknownsLayout.of(problem)
+        self._evaluate = ProblemEvaluator(problem, progress)
         self._seed = seed
-        self._split: Split
+        self._split: ResidualSplit
         self._comparison: decide.ModelComparison
         self._known: KnownFits
 
-    def run(self) -> Findings:
+    def run(self) -> SearchFindings:
         """The whole search."""
-        null, self._split = fit.fitted_null(self._problem, self._evaluate, self._layout)
+        null, self._split = model_fit.fitted_null(self._problem, self._evaluate, self._layout)
         self._comparison = decide.ModelComparison(
             layout=self._layout,
             split=self._split,
-            cells=Cells.of(self._problem, self._split.is_fit),
+            cells=ResidualCells.of(self._problem, self._split.is_fit),
             rng=np.random.default_rng(self._seed),
             size=decide.SIZE_RMS * self._problem.samples_per_residual**0.5,
             further_share=decide.FURTHER_SHARE * self._problem.simulator_disagreement,
@@ -114,10 +114,10 @@ class _Search:
             for effect in self._layout.effects
             for start in self._known.starts((effect,), null)
         ]
-        tried = fit.refine(
+        tried = model_fit.refine(
             self._evaluate, self._layout, self._split, starts, stage="single effects"
         )
-        fits = fit.best_of_each(tried, self._split)
+        fits = model_fit.best_of_each(tried, self._split)
         self._known.keep(fits)
         best = sorted(fits, key=self._known.cost)[:REFITTED]
         self._refit([each.model for each in best], "single effects")
@@ -138,7 +138,7 @@ class _Search:
         columns, own = layout.of_model(model), layout.of_effects(model)
         unknowns = null.unknowns.copy()
         unknowns[:, own] = np.clip(likely[own], layout.low[own], layout.high[own])
-        self._known.fits[model] = fit.begun(
+        self._known.fits[model] = model_fit.begun(
             self._evaluate, layout, model, columns, unknowns, "single effects"
         )
         self._refit([model], "single effects")
@@ -147,14 +147,16 @@ class _Search:
             parts = [model_of(set(model) - {effect}) for effect in model]
             model = min(parts, key=lambda part: self._known.cost(self._known.fits[part]))
 
-    def _refit(self, models: list[Model], stage: str) -> None:
+    def _refit(self, models: list[ModelEffects], stage: str) -> None:
         """Renews derivatives of fits and continues them."""
-        fresh = fit.renewed(
+        fresh = model_fit.renewed(
             self._evaluate, self._layout, [self._known.fits[model] for model in models], stage
         )
-        self._known.keep(fit.refine(self._evaluate, self._layout, self._split, fresh, stage=stage))
+        self._known.keep(
+            model_fit.refine(self._evaluate, self._layout, self._split, fresh, stage=stage)
+        )
 
-    def _fit_larger(self, best_so_far: Model, size: int) -> None:
+    def _fit_larger(self, best_so_far: ModelEffects, size: int) -> None:
         """Fits models of up to `size` effects that the derivatives
         at the best model so far propose.
         """
@@ -172,8 +174,10 @@ class _Search:
             for part in self._known.parts(model)
             for start in self._known.starts(model, part)
         ]
-        fits = fit.best_of_each(
-            fit.refine(self._evaluate, self._layout, self._split, starts, stage=f"{size} effects"),
+        fits = model_fit.best_of_each(
+            model_fit.refine(
+                self._evaluate, self._layout, self._split, starts, stage=f"{size} effects"
+            ),
             self._split,
         )
         self._known.keep(fits)
@@ -185,7 +189,7 @@ class _Search:
                 self._restart(self._known.best(size), "2 effects")
             self._eliminate(self._known.best(size))
 
-    def _fit_union(self, best_so_far: Model, other: Model, size: int) -> None:
+    def _fit_union(self, best_so_far: ModelEffects, other: ModelEffects, size: int) -> None:
         """Fits the union of two good models; where they imitate each other, both have far to go."""
         model = model_of([*best_so_far, *other])
         if len(model) != size or model in self._known.fits:
@@ -194,9 +198,9 @@ class _Search:
         fits = [start for part in parts for start in self._known.starts(model, part)]
         for patience in range(PATIENCE):
             if patience:
-                fits = fit.renewed(self._evaluate, self._layout, fits, stage)
-            fits = fit.refine(self._evaluate, self._layout, self._split, fits, stage=stage)
-        (self._known.fits[model],) = fit.best_of_each(fits, self._split)
+                fits = model_fit.renewed(self._evaluate, self._layout, fits, stage)
+            fits = model_fit.refine(self._evaluate, self._layout, self._split, fits, stage=stage)
+        (self._known.fits[model],) = model_fit.best_of_each(fits, self._split)
 
     def _refit_rivals(self) -> None:
         """Continues the best models that explain the gap, and renews their derivatives.
@@ -204,7 +208,7 @@ class _Search:
         The cost on held-out data follows from derivatives; old ones made one of two models that
         look alike 90 nats worse.
         """
-        null, models = self._known.fits[()], list[Model]()
+        null, models = self._known.fits[()], list[ModelEffects]()
         for size in range(1, LARGEST + 1):
             explain = [
                 each
@@ -216,14 +220,14 @@ class _Search:
         self._refit(models, "rivals")
         # what the descent corrected on its way is not what the derivatives are at its end
         rivals = [self._known.fits[model] for model in models]
-        self._known.keep(fit.renewed(self._evaluate, self._layout, rivals, "rivals"))
+        self._known.keep(model_fit.renewed(self._evaluate, self._layout, rivals, "rivals"))
 
-    def _from_above(self, models: list[Model]) -> list[Fit]:
+    def _from_above(self, models: list[ModelEffects]) -> list[ModelFit]:
         """Starts of models from fits of one more effect that promise a gain.
 
         What these found for the nuisances may be the better minimum.
         """
-        starts: list[Fit] = []
+        starts: list[ModelFit] = []
         for model in models:
             known = self._known.fits[model]
             above = [
@@ -241,7 +245,7 @@ class _Search:
             ]
         return starts
 
-    def _restart(self, model: Model, stage: str) -> None:
+    def _restart(self, model: ModelEffects, stage: str) -> None:
         """Refits a model from all known shapes of its effects, if it leaves structure.
 
         A poorly fitting shape may still be a local minimum, in some blocks or in all.
@@ -263,13 +267,13 @@ class _Search:
             residuals = self._evaluate(stage, np.array(points))
             at = list(zip(points, residuals, moving, strict=True))
             for (unknowns, r, columns), own in zip(
-                at, fit.all_slopes(self._evaluate, layout, at, stage), strict=True
+                at, model_fit.all_slopes(self._evaluate, layout, at, stage), strict=True
             ):
                 jacobian = here.jacobian.copy()
                 jacobian[:, np.isin(here.columns, columns)] = own
                 starts.append(replace(here, unknowns=unknowns, residuals=r, jacobian=jacobian))
-            tried = fit.refine(self._evaluate, layout, self._split, starts, stage=stage)
-            self._known.keep(fit.best_of_each(tried, self._split))
+            tried = model_fit.refine(self._evaluate, layout, self._split, starts, stage=stage)
+            self._known.keep(model_fit.best_of_each(tried, self._split))
             self._known.forget(model)
             self._refit([model], stage)
 
@@ -288,7 +292,7 @@ class _Search:
             for k in range(count)
         ]
 
-    def _eliminate(self, model: Model) -> None:
+    def _eliminate(self, model: ModelEffects) -> None:
         """Refits the model without each of its effects, from its values:
         this may leave a poor minimum.
         """
@@ -297,7 +301,7 @@ class _Search:
             self._reduced([(model, part) for part in parts], "elimination"), "elimination"
         )
 
-    def _reduced(self, ways: list[tuple[Model, Model]], stage: str) -> list[Fit]:
+    def _reduced(self, ways: list[tuple[ModelEffects, ModelEffects]], stage: str) -> list[ModelFit]:
         """Starts of models, the second of each way, from the values of larger ones, the first."""
         points = []
         for larger, part in ways:
@@ -314,17 +318,19 @@ class _Search:
             full, columns = self._known.fits[larger], self._layout.of_model(part)
             jacobian = full.jacobian[:, np.isin(full.columns, columns)]
             starts.append(
-                Fit(model=part, columns=columns, unknowns=unknowns, residuals=r, jacobian=jacobian)
+                ModelFit(
+                    model=part, columns=columns, unknowns=unknowns, residuals=r, jacobian=jacobian
+                )
             )
         return starts
 
-    def _keep_better(self, starts: list[Fit], stage: str) -> None:
+    def _keep_better(self, starts: list[ModelFit], stage: str) -> None:
         """Refines starts, and keeps those that end below the known fits of their models."""
-        tried = fit.refine(self._evaluate, self._layout, self._split, starts, stage=stage)
+        tried = model_fit.refine(self._evaluate, self._layout, self._split, starts, stage=stage)
         known = self._known.fits
         better = [
             each
-            for each in fit.best_of_each(tried, self._split)
+            for each in model_fit.best_of_each(tried, self._split)
             if each.model not in known
             or self._known.cost(each) < self._known.cost(known[each.model])
         ]
@@ -333,7 +339,7 @@ class _Search:
             self._known.forget(each.model)
         self._refit([each.model for each in better], stage)
 
-    def _propose(self, best_so_far: Model, size: int) -> list[Model]:
+    def _propose(self, best_so_far: ModelEffects, size: int) -> list[ModelEffects]:
         """Models of `size` effects, and swaps in the best one so far,
         that fit best by its quadratic.
         """
@@ -355,7 +361,7 @@ class _Search:
         }
         return sorted(costs, key=costs.__getitem__)[:PROPOSED]
 
-    def _others(self, best_so_far: Model, size: int) -> list[Model]:
+    def _others(self, best_so_far: ModelEffects, size: int) -> list[ModelEffects]:
         """Further models from which larger ones are proposed:
         the second best, and for pairs the empty one.
 

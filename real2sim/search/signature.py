@@ -5,15 +5,17 @@ and which of them are alike.
 import numpy as np
 
 from saltus.arrays import Floats, Indices
-from saltus.real2sim.search.findings import Confusion
-from saltus.real2sim.search.layout import Layout, Model
-from saltus.real2sim.search.quadratic import Quadratic
+from saltus.real2sim.search.findings import EffectConfusion
+from saltus.real2sim.search.quadratic import QuadraticCost
+from saltus.real2sim.search.unknowns_layout import ModelEffects, UnknownsLayout
 
 TRACE = 1e-9
 """Smallest share of a signature's power after projection; less is rounding."""
 
 
-def confusion(layout: Layout, library: Quadratic, named: Model) -> Confusion:
+def confusion(
+    layout: UnknownsLayout, library: QuadraticCost, named: ModelEffects
+) -> EffectConfusion:
     """Cosines of all pairs of effects.
 
     The signature of an effect at a place is the change that its unknowns make in the residuals (at
@@ -27,13 +29,13 @@ def confusion(layout: Layout, library: Quadratic, named: Model) -> Confusion:
         for j, b in enumerate(effects[:i]):
             forth, back = signatures.alignment(a, b), signatures.alignment(b, a)
             cosine[i, j] = cosine[j, i] = min(1.0, float(np.sqrt(max(0.0, 0.5 * (forth + back)))))
-    return Confusion(effects=effects, cosine=cosine)
+    return EffectConfusion(effects=effects, cosine=cosine)
 
 
 class _Signatures:
     """Signatures of effects; matrices that many pairs of effects share are computed once."""
 
-    def __init__(self, layout: Layout, library: Quadratic, named: Model) -> None:
+    def __init__(self, layout: UnknownsLayout, library: QuadraticCost, named: ModelEffects) -> None:
         self._layout, self._library, self._named = layout, library, named
         scale = layout.scale[library.columns]
         self._points = library.point / scale

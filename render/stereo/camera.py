@@ -24,7 +24,7 @@ from saltus.render.stereo.matching import (
     SearchRange,
     WeakSignal,
 )
-from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.optics import StereoOptics
 
 StereoState: TypeAlias = tuple[Any, ...]
 """States of the effects, in the order of the camera."""
@@ -96,7 +96,7 @@ class StereoCamera:
     """
 
     def __init__(
-        self, config: StereoConfig, optics: Optics, windows: Morphology = ARRAY_WINDOWS
+        self, config: StereoConfig, optics: StereoOptics, windows: Morphology = ARRAY_WINDOWS
     ) -> None:
         self.config = config
         self.optics = optics

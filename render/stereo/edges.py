@@ -9,7 +9,7 @@ import numpy as np
 
 from saltus.arrays import Array, Images, Masks, namespace
 from saltus.effects.effect import PerRobot, like, parameter, per_image, setting
-from saltus.effects.fields import mean_around, unit_uniform
+from saltus.effects.random_fields import mean_around, unit_uniform
 from saltus.render.stereo.image import StereoImage
 from saltus.render.stereo.random_effect import RandomStereoEffect
 

@@ -24,7 +24,7 @@ BESIDE = 2  # pixels from the border of a shadow at which depth is read: clear o
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Shadows:
+class StereoShadows:
     """Runs of invalid pixels in rows that the geometry of stereo explains."""
 
     width: Floats
@@ -37,8 +37,8 @@ class Shadows:
     end: Floats
     """First column to the right of it, shape (n,)."""
 
-    def __getitem__(self, index: NDArray[np.bool_] | Indices | slice) -> "Shadows":
-        return Shadows(width=self.width[index], step=self.step[index], end=self.end[index])
+    def __getitem__(self, index: NDArray[np.bool_] | Indices | slice) -> "StereoShadows":
+        return StereoShadows(width=self.width[index], step=self.step[index], end=self.end[index])
 
 
 def fit_baseline(scene: StaticScene) -> tuple[StereoEstimate, StereoEstimate]:
@@ -69,22 +69,22 @@ def fit_baseline(scene: StaticScene) -> tuple[StereoEstimate, StereoEstimate]:
     return baseline, margin
 
 
-def _margin(bands: Shadows, fx: float, baseline: StereoEstimate) -> StereoEstimate:
+def _margin(bands: StereoShadows, fx: float, baseline: StereoEstimate) -> StereoEstimate:
     rest = fx * (baseline.value or 0.0) * bands.step - bands.width
     return measured(
         float(np.median(rest)), max(ROUNDING_PX, 1.25 * float(np.std(rest)) / len(rest) ** 0.5)
     )
 
 
-def _joined(one: Shadows, other: Shadows) -> Shadows:
-    return Shadows(
+def _joined(one: StereoShadows, other: StereoShadows) -> StereoShadows:
+    return StereoShadows(
         width=np.concatenate([one.width, other.width]),
         step=np.concatenate([one.step, other.step]),
         end=np.concatenate([one.end, other.end]),
     )
 
 
-def _slope(shadows: Shadows, fx: float) -> StereoEstimate:
+def _slope(shadows: StereoShadows, fx: float) -> StereoEstimate:
     """Width over focal length times step, without outliers:
     shadows of something that is not in view.
     """
@@ -98,7 +98,7 @@ def _slope(shadows: Shadows, fx: float) -> StereoEstimate:
     return measured(value, value * float(np.hypot(ROUNDING_PX, spread)) / mean_width)
 
 
-def left_bands(scene: StaticScene) -> Shadows:
+def left_bands(scene: StaticScene) -> StereoShadows:
     """The band at the left of the sensor: f B / z pixels wide.
 
     Rows in which it has no end are left out.
@@ -110,12 +110,12 @@ def left_bands(scene: StaticScene) -> Shadows:
     # the band of a near object next to it would reach farther: what limits the band is the depth
     # just beside it
     kept = (width >= MIN_WIDTH) & (step > 0.0)
-    return Shadows(width=width.astype(float), step=step.astype(float), end=width.astype(float))[
-        kept
-    ]
+    return StereoShadows(
+        width=width.astype(float), step=step.astype(float), end=width.astype(float)
+    )[kept]
 
 
-def edge_shadows(scene: StaticScene) -> Shadows:
+def edge_shadows(scene: StaticScene) -> StereoShadows:
     """Invalid runs with something near on their right and something far on their left."""
     dark = np.pad(scene.presence <= SELDOM, ((0, 0), (1, 1)))
     change = np.diff(dark.astype(np.int8), axis=1)
@@ -138,4 +138,6 @@ def edge_shadows(scene: StaticScene) -> Shadows:
         & (width < 3.0 * nominal)
         & (nominal < 3.0 * width)
     )
-    return Shadows(width=width.astype(float), step=step.astype(float), end=ends.astype(float))[kept]
+    return StereoShadows(
+        width=width.astype(float), step=step.astype(float), end=ends.astype(float)
+    )[kept]

@@ -8,8 +8,8 @@ from typing import Protocol
 import numpy as np
 
 from saltus.arrays import Floats, Images, Masks, Scalars, namespace
-from saltus.effects.fields import extreme_around
-from saltus.render.stereo.optics import Optics
+from saltus.effects.random_fields import extreme_around
+from saltus.render.stereo.optics import StereoOptics
 
 
 class Morphology(Protocol):
@@ -68,7 +68,7 @@ class StereoImage:
     """True where the right imager does not see the point, bool, shape (..., height, width)."""
     time_s: Floats
     """Capture time in the run's clock [s], float64, shape (...)."""
-    optics: Optics
+    optics: StereoOptics
     windows: Morphology = ARRAY_WINDOWS
     """For looking around pixels."""
 
@@ -77,7 +77,7 @@ def stereo_image(
     depth: Images,
     hidden: Masks,
     time_s: Scalars,
-    optics: Optics,
+    optics: StereoOptics,
     windows: Morphology = ARRAY_WINDOWS,
 ) -> StereoImage:
     """A perfect match of a rendered scene.

@@ -9,7 +9,7 @@ import numpy as np
 
 from saltus.arrays import Array, Images, namespace
 from saltus.effects.effect import Effect, PerRobot, parameter, per_image, setting
-from saltus.effects.fields import draw_keys, gaussian, samples, unit_uniform
+from saltus.effects.random_fields import draw_keys, gaussian, samples, unit_uniform
 from saltus.render.single_image import SingleImageEffect
 from saltus.render.stereo.image import StereoImage
 from saltus.render.stereo.random_effect import RandomStereoEffect
@@ -159,7 +159,7 @@ def _slopes_squared(disparity: Images, focal_x: float, focal_y: float) -> Images
     return total
 
 
-Memory = tuple[Array, Array, Array]
+DisparityNoiseState = tuple[Array, Array, Array]
 """Keys, time of the last image, and its noise, None before the first."""
 
 
@@ -181,13 +181,13 @@ class DisparityNoise(Effect[StereoImage], name="disparity_noise", site="depth"):
     # stays from frame to frame, at 50 Hz: 0.020 s / ln 2
     persistence_s: float = setting(0.029, unit="s", low=0.0, high=1e3)
 
-    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Memory:
+    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> DisparityNoiseState:
         """A key for each image, and no noise yet."""
         return draw_keys(batch, rng), None, None
 
     def apply(
-        self, signal: StereoImage, time_s: float, state: Memory
-    ) -> tuple[StereoImage, Memory]:
+        self, signal: StereoImage, time_s: float, state: DisparityNoiseState
+    ) -> tuple[StereoImage, DisparityNoiseState]:
         """Adds the noise."""
         del time_s
         if self.is_null():

@@ -9,7 +9,7 @@ from saltus.errors import ConfigError
 
 
 @dataclass(frozen=True, kw_only=True)
-class Optics:
+class StereoOptics:
     """A rectified pair of imagers, and where the samples of an image lie on the left one.
 
     Depth is seen from the left imager; the right one is `baseline_m` to its right. Disparities and
@@ -37,7 +37,7 @@ class Optics:
     @classmethod
     def of(
         cls, camera: Intrinsics, sensor: Intrinsics = D435I, baseline_m: float = BASELINE_M
-    ) -> "Optics":
+    ) -> "StereoOptics":
         """The optics behind an image of any resolution with the optical axis of its sensor,
         in its matching mode.
 
@@ -63,7 +63,7 @@ class Optics:
         )
 
     @classmethod
-    def behind(cls, image: Intrinsics, camera: DepthCamera) -> "Optics":
+    def behind(cls, image: Intrinsics, camera: DepthCamera) -> "StereoOptics":
         """The optics behind an image that a camera takes, or that stands for one of its own."""
         return cls.of(image, camera.matching, camera.baseline_m)
 

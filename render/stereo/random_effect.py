@@ -7,7 +7,7 @@ import numpy as np
 
 from saltus.arrays import Array, Images
 from saltus.effects.effect import Effect
-from saltus.effects.fields import draw_keys, gaussian, samples
+from saltus.effects.random_fields import draw_keys, gaussian, samples
 from saltus.render.stereo.image import StereoImage
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from saltus.errors import RecordingError
 
 if TYPE_CHECKING:
-    from saltus.controller.robot.unitree.listening import Check
+    from saltus.controller.robot.unitree.listening import PreflightCheck
 
 OFF_DEG, OFF_MM = 1.5, 10.0
 """Place of a camera against the claimed one: what the networks bear (docs/tutorials/camera.md)."""
@@ -15,9 +15,9 @@ LATE_MS = 10.0
 by a degree."""
 
 
-def camera_checks(path: Path) -> "list[Check]":
+def camera_checks(path: Path) -> "list[PreflightCheck]":
     """Place and lateness of the camera that took a recording."""
-    from saltus.controller.robot.unitree.listening import Check
+    from saltus.controller.robot.unitree.listening import PreflightCheck
     from saltus.recordings.recording import read_recording
     from saltus.render.calibrate import calibrate
     from saltus.render.calibrate_plot import rows_of
@@ -41,12 +41,12 @@ def camera_checks(path: Path) -> "list[Check]":
         else:
             late = str(error)
     return [
-        Check(
+        PreflightCheck(
             name="camera", passed=passed, found=found,
             allowed=f"{OFF_DEG:g} deg, {OFF_MM:g} mm off its claimed place",
             cure=f"give commands the place that saltus render calibrate {path} writes, as --camera",
         ),
-        Check(
+        PreflightCheck(
             name="lateness", passed=in_time, found=late, allowed=f"{LATE_MS:g} ms",
             cure="whoever publishes the images must subtract it from their times",
         ),

@@ -16,7 +16,7 @@ from saltus.wire.messages import GroundTruth, Heightmap
 if TYPE_CHECKING:
     from saltus.recordings.recording import Recording
     from saltus.recordings.report import ScanSection
-    from saltus.runtime.replay import Answer
+    from saltus.runtime.replay import ReplayedMessage
 
 BAR = "{desc}: {percentage:3.0f} % |{bar}| {n:.1f} of {total:.1f} m"
 
@@ -100,7 +100,7 @@ class Demo(JsonOption, RunOptions):
 
         answers = list[Heightmap]()
 
-        def said(answer: "Answer") -> None:
+        def said(answer: "ReplayedMessage") -> None:
             if isinstance(answer.message, Heightmap):
                 answers.append(answer.message)
 

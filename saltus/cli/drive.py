@@ -59,9 +59,9 @@ class Drive(EndpointOption):
             with opened(self.gamepad):
                 more = ["--gamepad", str(self.gamepad)]
         elif self.script is not None:
-            from saltus.drive.script import Script
+            from saltus.drive.script import WishScript
 
-            Script(self.script)
+            WishScript(self.script)
             more = ["--script", str(self.script)]
         else:
             for goal in self.goals:

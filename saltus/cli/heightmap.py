@@ -31,8 +31,8 @@ from saltus.wire.topics import TOPICS, Topic
 if TYPE_CHECKING:
     from saltus.heightmap.service.network import HeightmapNetwork
     from saltus.heightmap.service.scan_fleet import ScanChoice
-    from saltus.recordings.recording import Arrival
-    from saltus.runtime.replay import Answer
+    from saltus.recordings.recording import RecordedMessage
+    from saltus.runtime.replay import ReplayedMessage
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,14 +141,14 @@ class Serve(ScanOptions):
                     publishers[key] = bus.publisher(topic.name, suffix)
                 publishers[key].put(message)
 
-            def heard(arrival: "Arrival") -> None:
+            def heard(arrival: "RecordedMessage") -> None:
                 due_s = begun_s + 1e-9 * (arrival.arrival_ns - first_ns)
                 time.sleep(max(0.0, due_s - time.monotonic()))
                 topic = topic_of(arrival.key)
                 assert topic is not None  # noqa: S101 - the service hears known topics
                 publish(arrival.key, codec.decode(topic.message, arrival.payload), topic)
 
-            def said(answer: "Answer") -> None:
+            def said(answer: "ReplayedMessage") -> None:
                 if isinstance(answer.message, Heightmap):
                     publish(answer.key, answer.message, TOPICS["heightmap/heightmap"])
 

@@ -30,7 +30,7 @@ from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.workers import check_processes
 
 if TYPE_CHECKING:
-    from saltus.heightmap.data.collecting import Collection
+    from saltus.heightmap.data.collecting import CollectionResult
     from saltus.heightmap.device_collection import DeviceSpeed
     from saltus.heightmap.training.train import TrainingProgress
 
@@ -179,7 +179,7 @@ class _CollectionBar:
             print("interrupted: no batch was whole yet, nothing is kept", file=sys.stderr)
 
 
-def _tell(folders: "Iterable[Path]", found: "Collection") -> int:
+def _tell(folders: "Iterable[Path]", found: "CollectionResult") -> int:
     """Names the shards; raises `KeyboardInterrupt` for an interrupted collection."""
     for folder, record in zip(folders, found.records, strict=True):
         print(

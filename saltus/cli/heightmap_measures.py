@@ -118,7 +118,7 @@ class Check(EndpointOption, JsonOption):
                 raise SaltusError(str(error).replace(str(heard), str(self.run_dir))) from error
 
     def _judge(self, path: Path) -> int:
-        from saltus.heightmap.evaluation.standing import check_standing
+        from saltus.heightmap.evaluation.trust_checks import check_standing
         from saltus.recordings.recording import read_recording
 
         findings = check_standing(read_recording(path))

@@ -32,7 +32,7 @@ class Init(_KeysOption):
 
     def run(self) -> int:
         """Writes the folder; 0."""
-        from saltus.wire.keys import create
+        from saltus.wire.certificates import create
 
         create(self.keys, self.address, self.days)
         print(
@@ -65,7 +65,7 @@ class Issue(_KeysOption):
 
     def run(self) -> int:
         """Writes the file; 0."""
-        from saltus.wire.keys import issue
+        from saltus.wire.certificates import issue
 
         path = issue(self.keys, self.role, self.days)
         print(
@@ -89,7 +89,7 @@ class Revoke(_KeysOption):
 
     def run(self) -> int:
         """Changes the list; 0."""
-        from saltus.wire.keys import revoke
+        from saltus.wire.certificates import revoke
 
         revoke(self.keys, self.name)
         print(f"{self.name} may do nothing at a router that starts from now on: start yours anew")
@@ -107,7 +107,7 @@ class List(_KeysOption, JsonOption):
         """Prints; 0."""
         from dataclasses import asdict
 
-        from saltus.wire.keys import load
+        from saltus.wire.certificates import load
 
         known = load(self.keys)
         if self.json:

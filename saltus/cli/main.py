@@ -17,7 +17,7 @@ from typing import Annotated, Any, cast
 from tyro.conf import subcommand
 
 from saltus.cli.parsing import BAD_INPUT, parse
-from saltus.cli.signals import Ended, ending_by_signals, raise_again
+from saltus.cli.stop_signals import Ended, ending_by_signals, raise_again
 from saltus.errors import SaltusError
 from saltus.flags import Runnable
 

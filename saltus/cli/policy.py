@@ -84,13 +84,13 @@ class Eval(ModelOptions, HardwareOptions, RobotOption, JsonOption):
         from tqdm import tqdm
 
         from saltus.effects.heightmap_shift import refuse_shift
-        from saltus.policy.evaluation.evaluate import Evaluation, evaluate, merged
+        from saltus.policy.evaluation.evaluate import EvaluationSettings, evaluate, merged
         from saltus.policy.planner import make_planner
 
         planner = partial(make_planner, self.planner, model=self.policy_model)
         robot = load_robot(self.robot)
         planner(robot, load_grid(DEFAULT_GRID))  # what is wrong with a model is said at once
-        evaluation = Evaluation(
+        evaluation = EvaluationSettings(
             robot=self.robot,
             grid=DEFAULT_GRID,
             camera=self.camera,

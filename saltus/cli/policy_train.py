@@ -13,7 +13,7 @@ import tyro
 
 from saltus.errors import SaltusError
 from saltus.grid import DEFAULT_GRID
-from saltus.policy.env.settings import TrainSettings, for_gpu
+from saltus.policy.env.settings import JumpTrainSettings, for_gpu
 from saltus.policy.training import command
 from saltus.robots.shipped import DEFAULT_ROBOT
 
@@ -22,7 +22,7 @@ from saltus.robots.shipped import DEFAULT_ROBOT
 class Train(command.Train):  # noqa: D101 - that of the training below
     __doc__ = command.Train.__doc__
 
-    training: Annotated[TrainSettings, tyro.conf.arg(name="")] = field(
+    training: Annotated[JumpTrainSettings, tyro.conf.arg(name="")] = field(
         default_factory=partial(for_gpu, DEFAULT_ROBOT, DEFAULT_GRID)
     )
 

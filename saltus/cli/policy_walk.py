@@ -16,11 +16,11 @@ from saltus.used_networks import model_id, model_path, walking_path
 from saltus.workers import check_processes
 
 if TYPE_CHECKING:
-    from saltus.policy.evaluation.walking_jumps import Angles
-    from saltus.policy.evaluation.walking_trials import Kind
-    from saltus.policy.evaluation.walks import HeightSourceFactory
+    from saltus.policy.evaluation.walking_jumps import JumpAngles
+    from saltus.policy.evaluation.walking_trials import WalkTrialKind
+    from saltus.policy.evaluation.walks import RobotHeightSourceFactory
 
-    Table = dict[tuple[str, Kind, str], dict[str, Any]]
+    Table = dict[tuple[str, WalkTrialKind, str], dict[str, Any]]
 
 ERRAND_COLUMNS = {
     "way [m]": "way_m", "time [s]": "time_s", "offset [m]": "offset_m", "heading [deg]": "heading_deg",
@@ -97,12 +97,12 @@ class Trials(RobotOption, JsonOption):
         """Runs them; prints a row for each ground and source of heights."""
         from tqdm import tqdm
 
-        from saltus.policy.evaluation.walking_conditions import Conditions
+        from saltus.policy.evaluation.walking_conditions import WalkConditions
         from saltus.policy.evaluation.walking_trials import ROWS, WalkTrials, run_tasks, tasks
 
         self._check()
         seeds = range(self.seed, self.seed + self.trials)
-        conditions = Conditions(
+        conditions = WalkConditions(
             push_ns=self.push_ns, friction=self.friction, camera_late_s=self.camera_late_s
         )
         trials = WalkTrials(
@@ -120,7 +120,7 @@ class Trials(RobotOption, JsonOption):
         total = self.trials * len(self.heights) * sum(map(len, self._asked.values()))
         with tqdm(total=total, desc="trials", bar_format=BAR, file=sys.stderr) as bar:
             results = run_tasks(trials, [task for *_, task in named], self.processes, bar.update)
-        found: dict[tuple[str, Kind, str], list[Any]] = {}
+        found: dict[tuple[str, WalkTrialKind, str], list[Any]] = {}
         for (source, kind, name, _), part in zip(named, results, strict=True):
             found.setdefault((source, kind, name), []).extend(part)
         table = {key: ROWS[key[1]](value) for key, value in found.items()}
@@ -162,7 +162,7 @@ class Trials(RobotOption, JsonOption):
         ScanNetwork(model_path("scan", self.heightmap_model))
 
     @property
-    def _asked(self) -> "dict[Kind, tuple[str, ...]]":
+    def _asked(self) -> "dict[WalkTrialKind, tuple[str, ...]]":
         return {
             "cross": self.grounds, "drill": self.drills, "route": self.routes,
             "stop": self.stops, "line": self.lines,
@@ -170,16 +170,16 @@ class Trials(RobotOption, JsonOption):
         }  # fmt: skip
 
     @property
-    def _angles(self) -> "Angles":
-        from saltus.policy.evaluation.walking_jumps import Angles
+    def _angles(self) -> "JumpAngles":
+        from saltus.policy.evaluation.walking_jumps import JumpAngles
 
-        return Angles(askew_deg=self.askew_deg, heading_deg=self.heading_deg)
+        return JumpAngles(askew_deg=self.askew_deg, heading_deg=self.heading_deg)
 
     @property
     def _policy(self) -> Path:
         return walking_path(self.robot, self.model).resolve()
 
-    def _height_source(self, source: str) -> "HeightSourceFactory":
+    def _height_source(self, source: str) -> "RobotHeightSourceFactory":
         from saltus.heightmap.data.arriving_images import ImageDamage
         from saltus.heightmap.data.scan_heights import ScanHeightSourceFactory
         from saltus.policy.evaluation.walks import TrueHeightSource

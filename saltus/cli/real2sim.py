@@ -19,7 +19,7 @@ from saltus.folders import ask_for_room, new_folder
 from saltus.grid import DEFAULT_GRID
 from saltus.heightmap.settings import ClosedLoop
 from saltus.real2sim.cycle.settings import CycleSettings
-from saltus.recordings.description import Description, Topics
+from saltus.recordings.recording_description import BagTopics, RecordingDescription
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 
@@ -63,8 +63,8 @@ class Cycle(JsonOption, SettingsCommand):
         """Runs what is still missing, and writes the report."""
         with packages_of("train"):
             from saltus.real2sim.cycle.cycle import CycleRun as Stages
-            from saltus.real2sim.cycle.elsewhere import refuse
             from saltus.real2sim.cycle.folder import open_folder
+            from saltus.real2sim.cycle.remote_training import refuse
             from saltus.real2sim.cycle.report import results
 
         refuse(self.export_training, self.take_training)
@@ -118,7 +118,7 @@ class Find(JsonOption):
         so that nothing could be looked for.
         """
         from saltus.api import find_effects
-        from saltus.real2sim.reporting.words import lines
+        from saltus.real2sim.reporting.verdict_text import lines
 
         directory = self.out or new_folder("real2sim")
         with Bar() as bar:
@@ -155,7 +155,7 @@ class Import:
     """TOML that says what a bag or a table does not say of itself (docs/tutorials/log.md)."""
     robot: str = DEFAULT_ROBOT
     """Robot of a bag or a table: name, or path of an MJCF or of a folder with a robot.toml."""
-    topics: Topics = field(default_factory=Topics)
+    topics: BagTopics = field(default_factory=BagTopics)
     """Topics of a bag. One that is named here takes the place of the description's."""
     out: Annotated[Path | None, NEW_FOLDER] = None
     """Folder of the log; or of several, one for each leg or for each log in an archive."""
@@ -172,7 +172,9 @@ class Import:
             print(as_run_log(self.recording, directory))
             return 0
         description = (
-            load(Description, self.description) if self.description is not None else Description()
+            load(RecordingDescription, self.description)
+            if self.description is not None
+            else RecordingDescription()
         )
         given = {part: topic for part, topic in vars(self.topics).items() if topic is not None}
         description = replace(description, topics=replace(description.topics, **given))
@@ -359,7 +361,7 @@ class Demo(RobotOption, JsonOption):
     def run(self) -> int:
         """0 where what was hidden was found and the second look finds no gap, else 1."""
         from saltus.real2sim.demonstration import demonstrate
-        from saltus.real2sim.reporting.words import sentence
+        from saltus.real2sim.reporting.verdict_text import sentence
 
         directory = run_directory("real2sim-demo", self.out)
         with Bar() as bar:

@@ -64,8 +64,8 @@ class Fit(JsonOption):
 
     def run(self) -> int:
         """Writes both files and prints what was found, parameter by parameter."""
-        from saltus.render.fit import fit, load_frames
         from saltus.render.fit_plot import write_fit_plot
+        from saltus.render.stereo_fit import fit, load_frames
 
         result = fit(load_frames(self.recording))
         folder = run_directory("render-fit", self.out)

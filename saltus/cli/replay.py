@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from saltus.config import RunConfig
     from saltus.heightmap.service.scan_fleet import ScanChoice
     from saltus.recordings.answers import AnswerComparison
-    from saltus.recordings.recording import Arrival, Recording
+    from saltus.recordings.recording import RecordedMessage, Recording
     from saltus.robots.robot import Robot
-    from saltus.runtime.replay import Answer
+    from saltus.runtime.replay import ReplayedMessage
 
 ProcessName = Literal["camera", "heightmap", "planner", "controller"]
 PROGRAM: dict[ProcessName, str] = {
@@ -123,7 +123,7 @@ class Replay(ScanOptions, RobotOption, JsonOption):
         # On the points of the run, where anybody answered in it
         own_points = self.grid is None and bool(comparison.topics)
 
-        def said(answer: "Answer") -> None:
+        def said(answer: "ReplayedMessage") -> None:
             if own_points:
                 comparison.take(*answer)
             if isinstance(answer.message, Heightmap):
@@ -271,7 +271,7 @@ def _print_profile(heightmap: Heightmap) -> None:
         print(f"{x:9.3f}   {height:10.3f}   {half:10.3f}")
 
 
-def _show(bar: Bar, stage: str, end_ns: int, arrival: "Arrival") -> None:
+def _show(bar: Bar, stage: str, end_ns: int, arrival: "RecordedMessage") -> None:
     bar.at(stage, arrival.arrival_ns / end_ns)
 
 

@@ -193,14 +193,19 @@ class Log(LinkOptions):
     def run(self) -> int:
         """Records, and says what came; 0 where states did, 130 after Ctrl-C (the file is whole either way)."""
         self.loaded()
-        from saltus.controller.robot.unitree.link import COMMANDS, STATES, Arrived, UnitreeLink
+        from saltus.controller.robot.unitree.link import (
+            COMMANDS,
+            STATES,
+            ArrivedMessage,
+            UnitreeLink,
+        )
         from saltus.controller.robot.unitree.log import TOPICS, new_log, record
         from saltus.controller.robot.unitree.states import StateWatch
         from saltus.folders import new_folder
 
         path = self.out or new_folder("robot-log") / "log.mcap"
         watch = StateWatch()
-        arrivals: SimpleQueue[tuple[str, Arrived]] = SimpleQueue()
+        arrivals: SimpleQueue[tuple[str, ArrivedMessage]] = SimpleQueue()
         with (
             new_log(path) as log,
             contextlib.closing(
@@ -300,7 +305,7 @@ class Run(PaceOptions, LinkOptions):
         self, robot: "UnitreeRobot", kind: "Robot"
     ) -> "tuple[LevelRun | ExperimentRun, float]":
         """The run, and when it ends [s]."""
-        from saltus.controller.loop import FIRST_STAND_S
+        from saltus.controller.control_loop import FIRST_STAND_S
         from saltus.controller.rising import RISE_S
         from saltus.controller.robot.unitree.limits import STAGES
         from saltus.grid import DEFAULT_GRID, load_grid

@@ -57,14 +57,14 @@ class Simulate(PaceOptions, LinkOptions):
             TRUTHS,
             UnitreeLink,
         )
-        from saltus.controller.robot.unitree.serving import RobotServer, Stranger
+        from saltus.controller.robot.unitree.serving import OtherCommander, RobotServer
 
         lockstep = self.pace == "lockstep"
         link = UnitreeLink(
             self.domain, self.interface, sends=[STATES, TRUTHS, ANSWERS],
             takes=[COMMANDS, REQUESTS], reliable=lockstep,
         )  # fmt: skip
-        stranger = Stranger(robot, self.domain, self.interface)
+        stranger = OtherCommander(robot, self.domain, self.interface)
         server = RobotServer(link, simulated, stranger)
         print(
             f"simulated {robot.name} in domain {self.domain} over {self.interface}; Ctrl-C ends it",
@@ -87,7 +87,7 @@ class Simulate(PaceOptions, LinkOptions):
         return 0
 
     def _simulated(self, robot: "Robot") -> "SimulatedUnitree":
-        from saltus.controller.robot.unitree.faults import Faults, PlantedFault
+        from saltus.controller.robot.unitree.faults import PlantedFault, PlantedFaults
         from saltus.controller.robot.unitree.simulated import SimulatedUnitree
         from saltus.effects.motors import VoltageSag
         from saltus.effects.profile import load_profile
@@ -105,6 +105,6 @@ class Simulate(PaceOptions, LinkOptions):
             held=self.held,
         )  # fmt: skip
         plant.reset(position_x=trial.position_x, yaw=trial.yaw)
-        faults = Faults([PlantedFault.parse(text) for text in self.fault], self.seed)
+        faults = PlantedFaults([PlantedFault.parse(text) for text in self.fault], self.seed)
         sag = next((each for each in profile.actuator if isinstance(each, VoltageSag)), None)
         return SimulatedUnitree(plant, faults, self.seed, sag)

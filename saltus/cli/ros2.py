@@ -97,11 +97,11 @@ class Ros2(EndpointOption):
     def run(self) -> int:
         """Runs until a router is gone or Ctrl-C."""
         from saltus.clock import RunClock
-        from saltus.recordings.images import info_of
-        from saltus.ros2.bridge import Receiver, Sender, run
+        from saltus.recordings.ros_images import info_of
+        from saltus.ros2.bridge import RosReceiver, RosSender, run
         from saltus.ros2.commands import CommandReceiver
         from saltus.ros2.incoming import RosIntake
-        from saltus.ros2.outgoing import Exporter
+        from saltus.ros2.outgoing import RosExporter
         from saltus.ros2.wall_clock import WallClock
         from saltus.runtime.run_folder import endpoint_of, read_run
         from saltus.wire.zenoh_bus import ZenohBus
@@ -141,14 +141,14 @@ class Ros2(EndpointOption):
             cameras=others,
             depth_unit_m=unit_m,
         )
-        exporter = Exporter(robot, wall, base=self.base_frame, whole=not self.take)
+        exporter = RosExporter(robot, wall, base=self.base_frame, whole=not self.take)
         with (
             ZenohBus(
                 self.endpoint or endpoint_of(self.run_dir), self.prefix or config.prefix
             ) as bus,
             self._node() as node,
         ):
-            sender, receiver = Sender(bus, node, exporter, self.namespace), None
+            sender, receiver = RosSender(bus, node, exporter, self.namespace), None
             commands = None
             if self.cmd_vel is not None:
                 commands = CommandReceiver(bus, node, self.cmd_vel, RunClock.of(config))
@@ -173,7 +173,7 @@ class Ros2(EndpointOption):
                 }  # fmt: skip
                 if self.joints == NO_JOINTS:
                     del topics["joints"]
-                receiver = Receiver(bus, node, intake, topics, RunClock.of(config), _tell)
+                receiver = RosReceiver(bus, node, intake, topics, RunClock.of(config), _tell)
             run(bus, node, sender, receiver, commands)
             print(
                 "the run has ended"

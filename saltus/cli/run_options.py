@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from saltus.config import Pace, Renderer, RunConfig, RunHeights, RunPlanner, TerrainConfig
+from saltus.config import Pace, RendererName, RunConfig, RunHeights, RunPlanner, TerrainConfig
 from saltus.flags import shown
 from saltus.grid import DEFAULT_GRID, WALKING_GRID, load_grid
 from saltus.robots.loading import load_robot
@@ -99,7 +99,7 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
 
     Or a TOML file, see saltus camera show.
     """
-    renderer: Renderer = "auto"
+    renderer: RendererName = "auto"
     """Back end that renders the images.
 
     Auto: embree, or the fastest for a camera without errors.
@@ -124,7 +124,7 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
             ConfigError, ModelError: what is wrong.
         """
         from saltus.controller.compensation import compensation_for
-        from saltus.drive.script import Script
+        from saltus.drive.script import WishScript
         from saltus.effects.heightmap_shift import refuse_shift
         from saltus.effects.profile import load_profile
         from saltus.terrain.curriculum import make_terrain
@@ -139,7 +139,7 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
             for path in (self.policy_model, self.heightmap_model)
         )
         if self.commands is not None:
-            Script(self.commands)
+            WishScript(self.commands)
         walks = self.planner == "walking"
         if heightmap is None and not walks and self.robot != DEFAULT_ROBOT:
             heightmap = SCAN
@@ -198,7 +198,7 @@ class NetworkOptions:
         """How others join; `ConfigError` where there is no authority, or the address is none."""
         if self.listen is None:
             return None
-        from saltus.wire.keys import network_of
+        from saltus.wire.certificates import network_of
 
         return network_of(self.keys, self.listen, prefix)
 

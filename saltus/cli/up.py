@@ -15,7 +15,7 @@ from saltus.cli.robot_link import (
     ticking,
 )
 from saltus.cli.run_options import NetworkOptions, RunOptions
-from saltus.config import LONGEST_RUN_S, Link, Pace
+from saltus.config import LONGEST_RUN_S, LinkName, Pace
 from saltus.errors import ConfigError, RecordingError
 from saltus.flags import Flag, shown
 
@@ -34,7 +34,7 @@ class Up(DomainOptions, RunOptions, NetworkOptions):
     """
 
     pace: Pace = "realtime"
-    link: Link = "here"
+    link: LinkName = "here"
     """Here: the controller simulates the robot. dds: a `saltus robot simulate` that runs already,
     on the same terrain and at the same pace and speed, is spoken to over its own protocol."""
     begin: Flag = False

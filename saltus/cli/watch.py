@@ -51,17 +51,17 @@ class Watch:
                 f"--robots names robots of one folder, and {len(self.runs)} are given"
             )
         from saltus.watch.page import Page
-        from saltus.watch.server import Server
-        from saltus.watch.source import Source
+        from saltus.watch.server import PageServer
+        from saltus.watch.source import SceneSource
         from saltus.watch.watcher import Watcher
 
-        sources = [Source(path, robot) for path in self.runs for robot in self.robots or ("",)]
+        sources = [SceneSource(path, robot) for path in self.runs for robot in self.robots or ("",)]
         with ThreadPoolExecutor(1) as starters:
             starters.submit(
                 int
             ).result()  # so its thread is there, with the priority that runs are to have
             stand_back()
-            server = Server(PORT if self.port is None else self.port)
+            server = PageServer(PORT if self.port is None else self.port)
             watcher = Watcher(Page(server), sources, starters)
             print(f"watch at {server.address} until Ctrl-C", flush=True)
             tell_of_no_run(self.runs)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from saltus.drive import gamepad
 from saltus.drive.goals import TURN_RPS, Goals
-from saltus.drive.keys import unbuffered
-from saltus.drive.script import Script
+from saltus.drive.keyboard import unbuffered
+from saltus.drive.script import WishScript
 from saltus.drive.wish import Wish
 from saltus.errors import ConfigError
 from saltus.runtime.process import ProcessContext, run_process
@@ -55,13 +55,13 @@ def of_run(context: ProcessContext) -> Driver:
         raise ConfigError(
             "the run has no script of commands: give --script, --goals, --keys or --gamepad"
         )
-    script = Script(Path(path))
+    script = WishScript(Path(path))
     return lambda state: script.wish(1e-9 * state.time_ns, state)
 
 
 def by_script(path: Path) -> Driver:
     """A script from the first state on, and a second more."""
-    script, first = Script(path), list[int]()
+    script, first = WishScript(path), list[int]()
 
     def drive(state: RobotState) -> Wish | None:
         first.append(state.time_ns) if not first else None

@@ -50,7 +50,7 @@ def moved(wish: Wish, kind: int, number: int, value: int) -> Wish:
     return replace(before, mode=before.mode, **{name: speed})
 
 
-class Gamepad:
+class GamepadWish:
     """An open gamepad, as the wish that its events so far make."""
 
     def __init__(self, device: int) -> None:
@@ -75,7 +75,7 @@ class Gamepad:
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[Gamepad]:
+def opened(path: Path) -> Iterator[GamepadWish]:
     """The gamepad at a device; `ConfigError` where it cannot be read."""
     try:
         device = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
@@ -84,6 +84,6 @@ def opened(path: Path) -> Iterator[Gamepad]:
             f"no gamepad at {path}: {error.strerror}; see ls /dev/input/js*"
         ) from error
     try:
-        yield Gamepad(device)
+        yield GamepadWish(device)
     finally:
         os.close(device)

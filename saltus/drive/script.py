@@ -20,7 +20,7 @@ MODES = {mode.name.lower(): mode for mode in CommandMode}
 RESTS = (CommandMode.STAND, CommandMode.LIE_DOWN)
 
 
-class Script:
+class WishScript:
     """Wishes by time: each holds until the next one, and the robot stands before the first.
 
     A row with a place leads to it (`Goals`), at `ahead_mps` and turning at most by `turn_rps`, and

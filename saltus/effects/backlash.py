@@ -8,15 +8,15 @@ import numpy as np
 from saltus.arrays import Array, Constant, namespace
 from saltus.constants import PHYSICS_DT
 from saltus.effects.effect import Drawn, Effect, Values, from_robot, parameter, period
-from saltus.effects.signals import Drive
+from saltus.effects.signals import DriveTorque
 
-Play = tuple[Array, Array, Array, Array, Array]
+BacklashState = tuple[Array, Array, Array, Array, Array]
 """How far the motor is ahead of the joint [rad], how fast it gets ahead [rad/s], whether both touch
 over the coming step, and the joint's velocity [rad/s] and acceleration [rad/s^2] as last seen."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Backlash(Effect[Drive], name="backlash", site="torque"):
+class Backlash(Effect[DriveTorque], name="backlash", site="torque"):
     """The motor turns freely against the joint within a gap of `width`,
     and pushes it at either end.
 
@@ -49,7 +49,7 @@ class Backlash(Effect[Drive], name="backlash", site="torque"):
     def _rotor(self) -> Constant:
         return Constant(self.of_robot("rotor"))
 
-    def first(self, signal: Drive) -> Play:
+    def first(self, signal: DriveTorque) -> BacklashState:
         """The first torque has been there for long:
         the motor pushes the joint at one end of the gap.
         """
@@ -63,7 +63,9 @@ class Backlash(Effect[Drive], name="backlash", site="torque"):
             zero,
         )
 
-    def apply(self, signal: Drive, time_s: Array, state: Play | None) -> tuple[Drive, Play]:
+    def apply(
+        self, signal: DriveTorque, time_s: Array, state: BacklashState | None
+    ) -> tuple[DriveTorque, BacklashState]:
         """Transmits the torque where motor and joint touch.
 
         The state is the play over the coming period.
@@ -96,19 +98,19 @@ class Backlash(Effect[Drive], name="backlash", site="torque"):
             turning,
         )
 
-    def logged(self, position: Array, velocity: Array, state: Play) -> tuple[Array, Array]:
+    def logged(self, position: Array, velocity: Array, state: BacklashState) -> tuple[Array, Array]:
         """Angles and velocities on the side of the logged encoder, for those of the joints."""
         share = self.value("motor_side", position)
         return position + share * state[0], velocity + share * state[1]
 
-    def seen(self, position: Array, velocity: Array, state: Play) -> tuple[Array, Array]:
+    def seen(self, position: Array, velocity: Array, state: BacklashState) -> tuple[Array, Array]:
         """Angles and velocities on the motor's side,
         for those on the side of the logged encoder.
         """
         rest = 1.0 - self.value("motor_side", position)
         return position + rest * state[0], velocity + rest * state[1]
 
-    def missing(self, state: Play) -> Array:
+    def missing(self, state: BacklashState) -> Array:
         """Inertia that the joint lacks over the coming step,
         as the rotor turns without it [kg m^2].
         """

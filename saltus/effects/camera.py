@@ -19,7 +19,7 @@ from saltus.effects.depth_errors import (
 )
 from saltus.effects.effect import Effect, PerRobot, Signal, parameter
 from saltus.effects.image_delivery import CameraLatency, FrameDrop, SampleAndHold, TemporalSmear
-from saltus.effects.order import Order, SignalChain
+from saltus.effects.signal_chain import Order, SignalChain
 from saltus.effects.signals import CameraView, DepthImage, chosen, nothing_yet
 from saltus.wire.topics import CAMERA_LATENCY_S
 

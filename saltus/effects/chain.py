@@ -37,8 +37,8 @@ from saltus.effects.motors import (
     TorqueSpeedLimit,
     VoltageSag,
 )
-from saltus.effects.order import Chain, Order, SignalChain, applied, chosen_of
-from saltus.effects.signals import Drive, JointState, Resistance
+from saltus.effects.signal_chain import Chain, Order, SignalChain, applied, chosen_of
+from saltus.effects.signals import DriveTorque, EncoderReading, Resistance
 from saltus.joint_command import JointCommand
 from saltus.robots.robot import Robot
 
@@ -156,13 +156,13 @@ class ActuatorChain(Chain):
         time_s: Array,
         state: ActuatorState,
         fresh: Array | None = None,
-    ) -> JointState:
+    ) -> EncoderReading:
         """Returns what the drives will measure in the next `step`.
 
         Arguments and `state` are those that it will get.
         """
         motion = self._on_its_side(
-            JointState(position=position, velocity=velocity), state, fresh, Backlash.logged
+            EncoderReading(position=position, velocity=velocity), state, fresh, Backlash.logged
         )
         return self._pass("joint_state", motion, time_s, list(state), fresh)
 
@@ -191,14 +191,14 @@ class ActuatorChain(Chain):
         command = self._pass("command", command, time_s, memories, fresh)
         # 2. its encoder
         motion = self._on_its_side(
-            JointState(position=position, velocity=velocity), state, fresh, Backlash.logged
+            EncoderReading(position=position, velocity=velocity), state, fresh, Backlash.logged
         )
         motion = self._pass("joint_state", motion, time_s, memories, fresh)
         motion = self._on_its_side(motion, state, fresh, Backlash.seen)
         # 3. its law
         believed = proportional_derivative(command, motion.position, motion.velocity)
         # 4. what becomes of the torque on its way to the joint
-        drive = Drive(torque=believed, position=position, velocity=velocity)
+        drive = DriveTorque(torque=believed, position=position, velocity=velocity)
         drive = self._pass("torque", drive, time_s, memories, fresh)
         # 5. what resists there
         resistance = self._resistance(velocity, time_s, memories)
@@ -216,18 +216,18 @@ class ActuatorChain(Chain):
 
     def _on_its_side(
         self,
-        motion: JointState,
+        motion: EncoderReading,
         state: ActuatorState,
         fresh: Array | None,
         side: Callable[..., tuple[Array, Array]],
-    ) -> JointState:
+    ) -> EncoderReading:
         """The motion on another side of the play:
         that of the logged encoder, or that of the PD law's, the motor's.
         """
         for effect, memory in zip(self.effects, state, strict=True):
             if isinstance(effect, Backlash) and memory:
                 position, velocity = side(effect, motion.position, motion.velocity, memory)
-                there = JointState(position=position, velocity=velocity)
+                there = EncoderReading(position=position, velocity=velocity)
                 return there if fresh is None else chosen_of(fresh, motion, there)
         return motion
 

@@ -8,7 +8,7 @@ import numpy as np
 from saltus.arrays import Array, namespace
 from saltus.depth import BASELINE_M, D435I
 from saltus.effects.effect import Effect, PerRobot, parameter, per_image, pixels_within, setting
-from saltus.effects.fields import draw_keys, gaussian
+from saltus.effects.random_fields import draw_keys, gaussian
 from saltus.effects.signals import DepthImage
 
 

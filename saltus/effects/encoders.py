@@ -10,11 +10,11 @@ import numpy as np
 from saltus.arrays import Array, Constant, namespace
 from saltus.constants import PHYSICS_DT
 from saltus.effects.effect import Effect, Values, parameter, period
-from saltus.effects.signals import JointState
+from saltus.effects.signals import EncoderReading
 
 
 @dataclass(frozen=True, kw_only=True)
-class EncoderBias(Effect[JointState], name="encoder_bias", site="joint_state"):
+class EncoderBias(Effect[EncoderReading], name="encoder_bias", site="joint_state"):
     """The drive reads `bias` more than the joint's true angle.
 
     Log and PD law both see the reading.
@@ -33,7 +33,7 @@ class EncoderBias(Effect[JointState], name="encoder_bias", site="joint_state"):
 
 
 @dataclass(frozen=True, kw_only=True)
-class VelocityScale(Effect[JointState], name="velocity_scale", site="joint_state"):
+class VelocityScale(Effect[EncoderReading], name="velocity_scale", site="joint_state"):
     """The drive reads `scale` times the joint's true velocity.
 
     Log and PD law both see the reading.
@@ -46,7 +46,7 @@ class VelocityScale(Effect[JointState], name="velocity_scale", site="joint_state
 
 
 @dataclass(frozen=True, kw_only=True)
-class EncoderQuantisation(Effect[JointState], name="encoder_quantisation", site="joint_state"):
+class EncoderQuantisation(Effect[EncoderReading], name="encoder_quantisation", site="joint_state"):
     """The drive's angle is the nearest multiple of `step`; its velocity is not derived from it."""
 
     # 0.2 to 1.5 mrad on drives of this class
@@ -59,7 +59,9 @@ class EncoderQuantisation(Effect[JointState], name="encoder_quantisation", site=
         """The steps, and those of them that are 0 as 1, to divide by."""
         return Constant(self.step), Constant(np.where(np.equal(self.step, 0.0), 1.0, self.step))
 
-    def apply(self, signal: JointState, time_s: Array, state: None) -> tuple[JointState, None]:
+    def apply(
+        self, signal: EncoderReading, time_s: Array, state: None
+    ) -> tuple[EncoderReading, None]:
         """Rounds the angle where the step is not 0."""
         exact = signal.position
         step, divisor = (constant.like(exact) for constant in self._steps)
@@ -71,12 +73,12 @@ class EncoderQuantisation(Effect[JointState], name="encoder_quantisation", site=
 
 SHORTEST = 1e-3
 """Shortest filter, in parts of a period: a shorter one is none, and the weights stay finite."""
-Memory = tuple[Array, Array]
+VelocityFilterState = tuple[Array, Array]
 """The last velocity and the last filtered one."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class VelocityFilter(Effect[JointState], name="velocity_filter", site="joint_state"):
+class VelocityFilter(Effect[EncoderReading], name="velocity_filter", site="joint_state"):
     """First-order low-pass of the velocity with `time_constant`,
     exact where the velocity is linear between samples.
     """
@@ -93,13 +95,13 @@ class VelocityFilter(Effect[JointState], name="velocity_filter", site="joint_sta
         """Weights of the newest velocity, of the one before, and of the last filtered one."""
         return tuple(Constant(w) for w in low_pass_weights(self.time_constant, self.dt_s))  # type: ignore[return-value]
 
-    def first(self, signal: JointState) -> Memory:
+    def first(self, signal: EncoderReading) -> VelocityFilterState:
         """The first velocity has been there for long."""
         return signal.velocity, signal.velocity
 
     def apply(
-        self, signal: JointState, time_s: Array, state: Memory | None
-    ) -> tuple[JointState, Memory]:
+        self, signal: EncoderReading, time_s: Array, state: VelocityFilterState | None
+    ) -> tuple[EncoderReading, VelocityFilterState]:
         """Filters the velocity."""
         newest = signal.velocity
         before, filtered = state or (newest, newest)

@@ -7,7 +7,7 @@ import numpy as np
 
 from saltus.arrays import Array, namespace
 from saltus.effects.effect import Effect, PerRobot, parameter, per_image, period
-from saltus.effects.fields import draw_keys, uniform
+from saltus.effects.random_fields import draw_keys, uniform
 from saltus.effects.signals import DepthImage, chosen, nothing_yet
 
 ROUNDING_S = 1e-9  # times that are meant to be equal may differ by rounding
@@ -98,7 +98,7 @@ class TemporalSmear(Effect[DepthImage], name="temporal_smear", site="depth"):
         return given, given
 
 
-Memory = tuple[Array, tuple[tuple[DepthImage, Array], ...]]
+CameraLatencyState = tuple[Array, tuple[tuple[DepthImage, Array], ...]]
 """Keys of the robots, and the images of the last samples with their arrivals [s], newest first."""
 
 
@@ -116,7 +116,7 @@ class CameraLatency(Effect[DepthImage], name="camera_latency", site="depth"):
     dt_s: float = period(0.01)
     """Period at which images are asked for: that of the policy."""
 
-    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> Memory:
+    def init(self, batch: tuple[int, ...], rng: np.random.Generator) -> CameraLatencyState:
         """A key for each robot and no image."""
         return draw_keys(batch, rng), ()
 
@@ -129,7 +129,9 @@ class CameraLatency(Effect[DepthImage], name="camera_latency", site="depth"):
         delay = latency + self.value("jitter", captured_s) * (2.0 * uniform(keys, captured_s) - 1.0)
         return captured_s + xp.where(delay > 0.0, delay, 0.0)
 
-    def apply(self, signal: DepthImage, time_s: float, state: Memory) -> tuple[DepthImage, Memory]:
+    def apply(
+        self, signal: DepthImage, time_s: float, state: CameraLatencyState
+    ) -> tuple[DepthImage, CameraLatencyState]:
         """Returns the newest image that has arrived at `time_s`."""
         keys, past = state
         images = past
@@ -144,7 +146,7 @@ class CameraLatency(Effect[DepthImage], name="camera_latency", site="depth"):
             newest = chosen(arrived & (image.time_s >= newest.time_s), image, newest)
         return newest, (keys, images)
 
-    def next_arrival_s(self, time_s: float, state: Memory) -> float:
+    def next_arrival_s(self, time_s: float, state: CameraLatencyState) -> float:
         """When the next image arrives, of any robot's [s]; infinite where none is under way."""
         _, images = state
         arrivals = (arrival for _, arrival_s in images for arrival in np.ravel(arrival_s).tolist())

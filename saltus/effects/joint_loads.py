@@ -8,7 +8,7 @@ import numpy as np
 from saltus.arrays import Array, namespace
 from saltus.constants import PHYSICS_DT
 from saltus.effects.effect import Drawable, Effect, Values, parameter, period
-from saltus.effects.signals import Drive, Resistance
+from saltus.effects.signals import DriveTorque, Resistance
 from saltus.errors import ConfigError
 
 
@@ -68,7 +68,7 @@ class Armature(Effect[Resistance], name="armature", site="joint"):
 
 
 @dataclass(frozen=True, kw_only=True)
-class JointSpring(Effect[Drive], name="joint_spring", site="torque"):
+class JointSpring(Effect[DriveTorque], name="joint_spring", site="torque"):
     """A spring or a cable pulls with `torque` at the joint's zero angle,
     and by `stiffness` less with each rad.
 
@@ -85,7 +85,7 @@ class JointSpring(Effect[Drive], name="joint_spring", site="torque"):
     dt_s: float = period(PHYSICS_DT)
     """Period of the torque."""
 
-    def apply(self, signal: Drive, time_s: Array, state: None) -> tuple[Drive, None]:
+    def apply(self, signal: DriveTorque, time_s: Array, state: None) -> tuple[DriveTorque, None]:
         """Adds the pull at the angle halfway through the coming period:
         an older one would feed the joint energy.
         """
@@ -95,7 +95,7 @@ class JointSpring(Effect[Drive], name="joint_spring", site="torque"):
 
 
 @dataclass(frozen=True, kw_only=True)
-class EndStop(Effect[Drive], name="end_stop", site="torque"):
+class EndStop(Effect[DriveTorque], name="end_stop", site="torque"):
     """A joint's stops are soft and begin early:
     beyond `upper` or below `lower` a spring of `stiffness` pushes it back.
 
@@ -126,7 +126,7 @@ class EndStop(Effect[Drive], name="end_stop", site="torque"):
                 f"{self.name}: lower = {self.lower!r} must be below upper = {self.upper!r} rad"
             )
 
-    def apply(self, signal: Drive, time_s: Array, state: None) -> tuple[Drive, None]:
+    def apply(self, signal: DriveTorque, time_s: Array, state: None) -> tuple[DriveTorque, None]:
         """Adds the push at the angle halfway through the coming period:
         an older one would feed the joint energy.
         """

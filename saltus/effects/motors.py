@@ -11,13 +11,13 @@ import numpy as np
 from saltus.arrays import Array, Constant, Floats, namespace
 from saltus.constants import PHYSICS_DT
 from saltus.effects.effect import Drawable, Effect, Values, from_robot, parameter, period, setting
-from saltus.effects.signals import Drive
+from saltus.effects.signals import DriveTorque
 from saltus.errors import ConfigError
 from saltus.robots.robot import JOINTS
 
 
 @dataclass(frozen=True, kw_only=True)
-class TorqueGain(Effect[Drive], name="torque_gain", site="torque"):
+class TorqueGain(Effect[DriveTorque], name="torque_gain", site="torque"):
     """A motor is stronger or weaker than its data sheet says: torque constant, gear efficiency."""
 
     # +-10 % is the usual range of domain randomisation
@@ -27,7 +27,7 @@ class TorqueGain(Effect[Drive], name="torque_gain", site="torque"):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ActuatorLag(Effect[Drive], name="actuator_lag", site="torque"):
+class ActuatorLag(Effect[DriveTorque], name="actuator_lag", site="torque"):
     """First-order lag: torque follows its target with `time_constant`.
 
     Targets are held over a period; what is delivered is the mean over it, so that the impulse is
@@ -48,11 +48,11 @@ class ActuatorLag(Effect[Drive], name="actuator_lag", site="torque"):
         """
         return tuple(Constant(weight) for weight in lag_weights(self.time_constant, self.dt_s))  # type: ignore[return-value]
 
-    def first(self, signal: Drive) -> Array:
+    def first(self, signal: DriveTorque) -> Array:
         """The lagged torque at the end of the period before, shape (..., 12)."""
         return signal.torque
 
-    def apply(self, signal: Drive, time_s: Array, state: Array) -> tuple[Drive, Array]:
+    def apply(self, signal: DriveTorque, time_s: Array, state: Array) -> tuple[DriveTorque, Array]:
         """Returns the mean of the lagged torque; the state is that at the end of the period."""
         before = self.first(signal) if state is None else state
         in_mean, at_end = (weight.like(signal.torque) for weight in self._weights)
@@ -77,7 +77,7 @@ UNLIMITED = 1e9
 
 
 @dataclass(frozen=True, kw_only=True)
-class TorqueSpeedLimit(Effect[Drive], name="torque_speed_limit", site="torque"):
+class TorqueSpeedLimit(Effect[DriveTorque], name="torque_speed_limit", site="torque"):
     """Along the motion, torque is at most the torque limit,
     less beyond `corner`, none from `no_load` on.
 
@@ -116,7 +116,7 @@ class TorqueSpeedLimit(Effect[Drive], name="torque_speed_limit", site="torque"):
             Constant(1.0 / span),
         )
 
-    def apply(self, signal: Drive, time_s: Array, state: None) -> tuple[Drive, None]:
+    def apply(self, signal: DriveTorque, time_s: Array, state: None) -> tuple[DriveTorque, None]:
         """Clips the torque."""
         torque, velocity = signal.torque, signal.velocity
         xp = namespace(torque)
@@ -133,7 +133,7 @@ LOSS_AT_KNEE = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
-class TorqueSaturation(Effect[Drive], name="torque_saturation", site="torque"):
+class TorqueSaturation(Effect[DriveTorque], name="torque_saturation", site="torque"):
     """Delivered torque as an odd, piecewise linear function of commanded torque.
 
     Given either as `curve`, measured at a calf and scaled to each joint by its reduction, or as
@@ -223,7 +223,7 @@ class TorqueSaturation(Effect[Drive], name="torque_saturation", site="torque"):
             lost = lost + xp.where(beyond > 0.0, fall.like(torque) * beyond, 0.0)
         return torque - xp.sign(torque) * lost
 
-    def apply(self, signal: Drive, time_s: Array, state: None) -> tuple[Drive, None]:
+    def apply(self, signal: DriveTorque, time_s: Array, state: None) -> tuple[DriveTorque, None]:
         """Saturates the torque."""
         return replace(signal, torque=self.delivered(signal.torque)), None
 
@@ -235,7 +235,7 @@ def _rises(curve: tuple[tuple[float, ...], ...]) -> bool:
 
 
 @dataclass(frozen=True, kw_only=True)
-class BatterySag(Effect[Drive], name="battery_sag", site="torque"):
+class BatterySag(Effect[DriveTorque], name="battery_sag", site="torque"):
     """Gain that falls linearly from 1 at time 0 to 1 - `loss_at_end` at `duration_s`,
     and stays there.
     """
@@ -247,7 +247,7 @@ class BatterySag(Effect[Drive], name="battery_sag", site="torque"):
     duration_s: float = setting(30.0, unit="s", low=0.1, high=1e5)
     """Length of the run; not an effect in itself, so without null value."""
 
-    def apply(self, signal: Drive, time_s: Array, state: None) -> tuple[Drive, None]:
+    def apply(self, signal: DriveTorque, time_s: Array, state: None) -> tuple[DriveTorque, None]:
         """Scales the torque."""
         gone = namespace(time_s).clip(time_s / self.duration_s, 0.0, 1.0)
         lost = (gone if isinstance(gone, float) else gone[..., None]) * self.value(
@@ -260,7 +260,7 @@ W_PER_KW = 1e3
 
 
 @dataclass(frozen=True, kw_only=True)
-class VoltageSag(Effect[Drive], name="voltage_sag", site="torque"):
+class VoltageSag(Effect[DriveTorque], name="voltage_sag", site="torque"):
     """The battery's voltage falls with the power of all joints together,
     and with it the torque along their motion.
 
@@ -272,11 +272,11 @@ class VoltageSag(Effect[Drive], name="voltage_sag", site="torque"):
     per_kw: float = parameter(unit="1/kW", null=0.0, low=0.0, high=2.0)
     brown_out: float = parameter(unit="", null=0.0, low=0.0, high=0.95)
 
-    def first(self, signal: Drive) -> Array:
+    def first(self, signal: DriveTorque) -> Array:
         """1 of a robot that is on, shape (..., 1)."""
         return namespace(signal.torque).ones_like(signal.torque[..., :1])
 
-    def apply(self, signal: Drive, time_s: Array, state: Array) -> tuple[Drive, Array]:
+    def apply(self, signal: DriveTorque, time_s: Array, state: Array) -> tuple[DriveTorque, Array]:
         """Scales torque along the motion; the state is 0 of a robot that has gone out,
         shape (..., 1).
         """

@@ -19,7 +19,7 @@ from typing import Any, Self
 import numpy as np
 import tomli_w
 
-from saltus.config import Value, read_file, read_toml
+from saltus.config import TomlValue, read_file, read_toml
 from saltus.effects.camera import CameraChain, ViewChain
 from saltus.effects.chain import ActuatorChain, BodyChain, ImuChain
 from saltus.effects.effect import Effect
@@ -58,7 +58,7 @@ PARTS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Profile(Value):
+class Profile(TomlValue):
     """The effects of one robot's hardware.
 
     Raises:

@@ -12,7 +12,7 @@ from saltus.arrays import Array, Floats, Images, Joints, Scalars, Vectors, names
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class JointState:
+class EncoderReading:
     """Readings of the drives' encoders. Site "joint_state"."""
 
     position: Joints
@@ -22,7 +22,7 @@ class JointState:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Drive(JointState):
+class DriveTorque(EncoderReading):
     """Torque inside a drive, with the true motion of its joint. Site "torque"."""
 
     torque: Joints

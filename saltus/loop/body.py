@@ -13,15 +13,15 @@ from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.controller.compensation import Compensation
 from saltus.controller.estimator import Estimator, EstimatorState
 from saltus.controller.gait import GaitSignal, standing
-from saltus.controller.law import LawState, LegController
-from saltus.controller.signals import Reference, reference_of
+from saltus.controller.leg_controller import LawState, LegController
+from saltus.controller.yaw_frame import CentroidalReference, reference_of
 from saltus.effects.chain import ActuatorChain
-from saltus.effects.order import chosen_of
+from saltus.effects.signal_chain import chosen_of
 from saltus.plan import Plan
 from saltus.setup import Setup
-from saltus.sim.batch import BatchPlant
-from saltus.sim.state import PlantState
-from saltus.states import RobotStates, states_of
+from saltus.sim.batch_plant import BatchPlant
+from saltus.sim.plant_state import PlantState
+from saltus.states import ProprioceptionArrays, states_of
 from saltus.trial import strengthened
 from saltus.wire.messages import ControllerMode
 
@@ -64,7 +64,7 @@ class Body:
         delay = round(plan_delay_s / PHYSICS_DT)
         # How many plans ago the one was made that is obeyed at each physics step of a policy step.
         ago = [max(0, math.ceil((delay - tick) / POLICY_STEPS)) for tick in range(POLICY_STEPS)]
-        self._plans_ago, self._references = ago, deque[Reference](maxlen=max(ago) + 1)
+        self._plans_ago, self._references = ago, deque[CentroidalReference](maxlen=max(ago) + 1)
         self._plant = BatchPlant(
             robot,
             [setup.terrain for setup in setups],
@@ -94,7 +94,7 @@ class Body:
         """The robots as they are."""
         return self._plant.state
 
-    def states(self, step: int = 0) -> RobotStates:
+    def states(self, step: int = 0) -> ProprioceptionArrays:
         """The robots as they know themselves, at a policy step of their run."""
         return states_of(self._plant.sensed, self.state.estimate, self.state.gait, step)
 

@@ -12,9 +12,9 @@ from saltus.effects.heightmap_shift import refuse_shift
 from saltus.grid import HeightGrid
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.setup import Setup
-from saltus.sim.state import PlantState
-from saltus.states import RobotStates
-from saltus.terrain.stack import TerrainStack
+from saltus.sim.plant_state import PlantState
+from saltus.states import ProprioceptionArrays
+from saltus.terrain.terrain_stack import TerrainStack
 from saltus.wire.messages import Heightmap, HeightmapStatus
 
 TRUE_MODEL = "true"
@@ -27,7 +27,9 @@ class HeightSource(Protocol):
     from step 0 on and without gaps.
     """
 
-    def heights(self, states: RobotStates, truth: PlantState, fresh: NDArray[np.bool_]) -> Floats:
+    def heights(
+        self, states: ProprioceptionArrays, truth: PlantState, fresh: NDArray[np.bool_]
+    ) -> Floats:
         """Terrain relative to the base on the grid of the robots' setups.
 
         Args:
@@ -42,7 +44,7 @@ class HeightSource(Protocol):
         ...
 
 
-class Ground(Protocol):
+class AnyTerrain(Protocol):
     """A terrain, or one for each robot of a batch."""
 
     def height_at(self, x: Array, y: Array) -> Array:
@@ -51,7 +53,11 @@ class Ground(Protocol):
 
 
 def true_heights(
-    ground: Ground, position: Array, quaternion: Array, grid: HeightGrid, ahead: Array | float = 0.0
+    ground: AnyTerrain,
+    position: Array,
+    quaternion: Array,
+    grid: HeightGrid,
+    ahead: Array | float = 0.0,
 ) -> Array:
     """The ground relative to the base [m], numpy or torch.
 
@@ -99,7 +105,9 @@ class TrueHeights:
     shift_z: Floats | float = 0.0
     """How much too high they come out [m], shape (n, 1)."""
 
-    def heights(self, states: RobotStates, truth: PlantState, fresh: NDArray[np.bool_]) -> Floats:
+    def heights(
+        self, states: ProprioceptionArrays, truth: PlantState, fresh: NDArray[np.bool_]
+    ) -> Floats:
         """Reads the terrain on the grid of each robot; shape (n, grid.size)."""
         del states, fresh
         pose = truth.position_base_in_world, truth.quaternion_base_in_world

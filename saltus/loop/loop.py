@@ -18,8 +18,8 @@ from saltus.loop.planner import Planner, observe
 from saltus.plan import Plan
 from saltus.robots.legs import LegKinematics
 from saltus.setup import Setup
-from saltus.sim.state import PlantState
-from saltus.states import RobotStates
+from saltus.sim.plant_state import PlantState
+from saltus.states import ProprioceptionArrays
 from saltus.terrain.terrain import Terrain
 from saltus.trial import TIME_LIMIT_S, Outcome, Trial, TrialMonitor, is_upright
 from saltus.wire.messages import ControllerMode
@@ -70,7 +70,7 @@ STAND_STEPS = 100  # the controller stands for 1 s before it obeys its first pla
 class Moment:
     """One policy step of a batch: what held at its start, and what was decided then."""
 
-    states: RobotStates
+    states: ProprioceptionArrays
     truth: PlantState
     heights: Floats
     """Heights that the planner saw [m], shape (n, points)."""

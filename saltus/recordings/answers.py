@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from saltus.recordings.recording import Arrival, Recording
+from saltus.recordings.recording import RecordedMessage, Recording
 from saltus.wire import codec
 from saltus.wire.bus import sender_of, topic_of
 from saltus.wire.messages import Message
@@ -137,7 +137,7 @@ class AnswerComparison:
 class _Recorded:
     """Recorded messages of one topic, one after the other."""
 
-    def __init__(self, arrivals: Iterator[Arrival]) -> None:
+    def __init__(self, arrivals: Iterator[RecordedMessage]) -> None:
         self._arrivals = arrivals
         self._next = next(arrivals, None)
 

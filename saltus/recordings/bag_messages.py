@@ -16,15 +16,22 @@ from saltus.arrays import Floats
 from saltus.depth import NOTHING
 from saltus.errors import MessageError, RecordingError
 from saltus.files import ARCHIVE_MAX
-from saltus.recordings.images import millimetres, pixels_of
-from saltus.wire.ros_types import Image, Imu, JointState, Odometry, Quaternion, Vector
+from saltus.recordings.ros_images import millimetres, pixels_of
+from saltus.wire.ros_types import (
+    AnyRosImage,
+    RosImu,
+    RosJointState,
+    RosOdometry,
+    RosQuaternion,
+    RosVector,
+)
 
 NANO = 10**9
 CAMERAS_MAX = 16  # calibrations of a topic that are looked at; one that changes has a few
 
 
 @dataclass(frozen=True)
-class Received:
+class BagMessage:
     """One message, or what is kept of it."""
 
     arrival_s: float
@@ -32,7 +39,7 @@ class Received:
     message: Any
 
 
-Messages = Sequence[Received]
+BagMessages = Sequence[BagMessage]
 
 
 def receive(
@@ -41,7 +48,7 @@ def receive(
     chosen: dict[str, str],
     notes: list[str],
     depth_unit_m: float | None,
-) -> dict[str, list[Received]]:
+) -> dict[str, list[BagMessage]]:
     """Messages of each part; of images and calibrations what is kept of them."""
     part_of = {topic: part for part, topic in chosen.items()}
     connections = [c for c in reader.connections if c.topic in part_of]
@@ -78,12 +85,12 @@ class _Joints(NamedTuple):
     effort: Floats
 
 
-def _joint_row(message: JointState) -> _Joints:
+def _joint_row(message: RosJointState) -> _Joints:
     values = (np.array(getattr(message, field), np.float64) for field in _Joints._fields[1:])
     return _Joints(tuple(map(sys.intern, message.name)), *values)
 
 
-def _imu_row(message: Imu) -> Floats:
+def _imu_row(message: RosImu) -> Floats:
     """Orientation, rate and acceleration of an Imu;
     NaN for an orientation that it says it does not have.
     """
@@ -92,7 +99,7 @@ def _imu_row(message: Imu) -> Floats:
     return np.array([*turned, *_xyz(message.angular_velocity), *_xyz(message.linear_acceleration)])
 
 
-def _base_row(message: Odometry) -> Floats:
+def _base_row(message: RosOdometry) -> Floats:
     """Position, orientation and the velocity in the child's own frame of an Odometry."""
     pose = message.pose.pose
     return np.array(
@@ -115,7 +122,7 @@ class _Images:
         self._bytes = self._kept = 0
         self._refused: Counter[str] = Counter()
 
-    def kept(self, image: Image) -> NDArray[np.uint16] | None:
+    def kept(self, image: AnyRosImage) -> NDArray[np.uint16] | None:
         """Pixels in whole millimetres; None for an image that cannot be read."""
         try:
             pixels = _measured(millimetres(pixels_of(image), self._unit_m))
@@ -170,14 +177,14 @@ def _stamped(rows: _Rows, topic: str, notes: list[str]) -> _Rows:
     return kept
 
 
-def _timed(rows: _Rows, start_ns: int) -> list[Received]:
+def _timed(rows: _Rows, start_ns: int) -> list[BagMessage]:
     """Messages of one topic, timed from a start on.
 
     Those of a topic without stamps by their arrivals.
     """
     has_stamps = any(stamp for _, stamp, _ in rows)
     return [
-        Received(
+        BagMessage(
             1e-9 * (arrival - start_ns),
             1e-9 * ((stamp if has_stamps else arrival) - start_ns),
             each,
@@ -186,9 +193,9 @@ def _timed(rows: _Rows, start_ns: int) -> list[Received]:
     ]
 
 
-def _xyz(vector: Vector) -> tuple[float, float, float]:
+def _xyz(vector: RosVector) -> tuple[float, float, float]:
     return vector.x, vector.y, vector.z
 
 
-def _wxyz(quaternion: Quaternion) -> tuple[float, float, float, float]:
+def _wxyz(quaternion: RosQuaternion) -> tuple[float, float, float, float]:
     return quaternion.w, quaternion.x, quaternion.y, quaternion.z

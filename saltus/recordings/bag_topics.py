@@ -7,8 +7,8 @@ from typing import Any
 from rosbags.highlevel import AnyReader
 
 from saltus.errors import RecordingError, nearest_hint, shortened
-from saltus.recordings.description import Topics
-from saltus.recordings.images import (
+from saltus.recordings.recording_description import BagTopics
+from saltus.recordings.ros_images import (
     COMPRESSED,
     ENCODINGS,
     IMAGE,
@@ -31,7 +31,7 @@ COMMANDS = ("q_des", "dq_des", "tau_ff")
 
 
 def choose(
-    reader: AnyReader, path: Path, topics: Topics, left_out: Collection[str], notes: list[str]
+    reader: AnyReader, path: Path, topics: BagTopics, left_out: Collection[str], notes: list[str]
 ) -> dict[str, str]:
     """The topic of each part that is there and wanted; notes say what is passed over.
 
@@ -72,7 +72,7 @@ def choose(
     return chosen
 
 
-def _given(path: Path, topics: Topics, types: dict[str, str]) -> dict[str, str]:
+def _given(path: Path, topics: BagTopics, types: dict[str, str]) -> dict[str, str]:
     """Topics that somebody named, which must be there and of the right type."""
     given = {part: topic for part, topic in vars(topics).items() if topic is not None}
     for part, topic in given.items():

@@ -16,7 +16,7 @@ from rosbags.highlevel import AnyReader
 
 from saltus.errors import MessageError, RecordingError, shortened
 from saltus.recordings.bag_files import opened
-from saltus.recordings.images import PixelIntrinsics, intrinsics, pixels_of
+from saltus.recordings.ros_images import PixelIntrinsics, intrinsics, pixels_of
 from saltus.wire.depth_codec import CENTRE_MAX_PX, DEPTH_UNIT_MAX_M, FOCAL_MAX_PX
 from saltus.wire.messages import DepthFrame
 

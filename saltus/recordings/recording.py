@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeVar, cast
 
 from mcap.records import Channel, Chunk
 
-from saltus.config import RunConfig, Value, from_table
+from saltus.config import RunConfig, TomlValue, from_table
 from saltus.depth_camera import DepthCamera, load_camera
 from saltus.effects.profile import Profile, load_profile
 from saltus.errors import MessageError, RecordingError
@@ -33,15 +33,15 @@ from saltus.wire.codec import Envelope
 from saltus.wire.messages import Message
 from saltus.wire.topics import TOPICS
 
-Kind = TypeVar("Kind", bound=Message)
-Part = TypeVar("Part", bound=Value)
+MessageT = TypeVar("MessageT", bound=Message)
+PartT = TypeVar("PartT", bound=TomlValue)
 
 UNPACKED_CHUNKS = 64
 """Kept by `Recording.arrivals` for who asks for one moment after the other: some seconds of a run,
 16 MB."""
 
 
-class Arrival(NamedTuple):
+class RecordedMessage(NamedTuple):
     """A message as it came in, not decoded."""
 
     arrival_ns: int
@@ -56,7 +56,7 @@ class Arrival(NamedTuple):
 class Recording(RecordedFile):
     """A recorded run. `messages` reads lazily, so long runs fit in memory."""
 
-    _unpacked: dict[int, list[Arrival]] = field(default_factory=dict, repr=False)
+    _unpacked: dict[int, list[RecordedMessage]] = field(default_factory=dict, repr=False)
     _former: dict[int, int | None] = field(default_factory=dict, repr=False)
 
     @property
@@ -119,7 +119,7 @@ class Recording(RecordedFile):
             trial=self._value("trial", Trial, lambda _: Trial.draw(self.known_config.seed)),
         )
 
-    def _value(self, name: str, kind: type[Part], otherwise: Callable[[Any], Part]) -> Part:
+    def _value(self, name: str, kind: type[PartT], otherwise: Callable[[Any], PartT]) -> PartT:
         """A value of the run as it was written,
         or `otherwise` made of its name in the configuration.
         """
@@ -166,20 +166,20 @@ class Recording(RecordedFile):
                     f"{self.path}: {topic} was written by another version: {error}"
                 ) from error
 
-    def of(self, kind: type[Kind], topic: str | None = None) -> list[Kind]:
+    def of(self, kind: type[MessageT], topic: str | None = None) -> list[MessageT]:
         """All messages of a type, in order of arrival.
 
         Of one sender where there is more than one ("status/render").
         """
         found = topic or next(name for name, row in TOPICS.items() if row.message is kind)
-        return [cast(Kind, message) for _, _, message in self.messages(found)]
+        return [cast(MessageT, message) for _, _, message in self.messages(found)]
 
     def payloads(self, topic: str) -> Iterator[tuple[int, Envelope, bytes]]:
         """Like `messages`, but not decoded."""
         for arrival_ns, _, envelope, payload in self._records([topic]):
             yield arrival_ns, envelope, payload
 
-    def arrivals_of(self, topics: Iterable[str]) -> Iterator[Arrival]:
+    def arrivals_of(self, topics: Iterable[str]) -> Iterator[RecordedMessage]:
         """Messages of some topics, named as those of `messages`, in the order of the file.
 
         Raises:
@@ -201,7 +201,7 @@ class Recording(RecordedFile):
             return 0, 0
         return min(c.message_start_time for c in chunks), max(c.message_end_time for c in chunks)
 
-    def arrivals(self, after_ns: int, until_ns: int) -> Iterator[Arrival]:
+    def arrivals(self, after_ns: int, until_ns: int) -> Iterator[RecordedMessage]:
         """Messages of all topics that arrived after one time and until another,
         in the order of the file.
 
@@ -213,7 +213,7 @@ class Recording(RecordedFile):
                     if after_ns < row.arrival_ns <= until_ns:
                         yield row
 
-    def _rows(self, number: int, chunk: Chunk) -> list[Arrival]:
+    def _rows(self, number: int, chunk: Chunk) -> list[RecordedMessage]:
         if number not in self._unpacked:
             if len(self._unpacked) >= UNPACKED_CHUNKS:
                 del self._unpacked[next(iter(self._unpacked))]
@@ -280,7 +280,7 @@ class Recording(RecordedFile):
                 found[number] = channel
         return found
 
-    def _records(self, topics: Iterable[str]) -> Iterator[Arrival]:
+    def _records(self, topics: Iterable[str]) -> Iterator[RecordedMessage]:
         wanted = {
             number: _sender(channel)
             for topic in topics
@@ -290,9 +290,11 @@ class Recording(RecordedFile):
             for row in rows(chunk, wanted):
                 yield self._arrival(row, *wanted[row.channel])
 
-    def _arrival(self, row: ChunkRow, key: str, boot_id: bytes) -> Arrival:
+    def _arrival(self, row: ChunkRow, key: str, boot_id: bytes) -> RecordedMessage:
         envelope = Envelope(row.sequence, row.publish_time, boot_id)
-        return Arrival(row.log_time, key, envelope, self._payload(row.channel, key, row.payload))
+        return RecordedMessage(
+            row.log_time, key, envelope, self._payload(row.channel, key, row.payload)
+        )
 
 
 def read_recording(path: str | Path) -> Recording:

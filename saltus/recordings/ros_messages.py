@@ -18,7 +18,7 @@ from saltus.rotations import quaternion_from_roll_pitch_yaw, quaternion_product,
 from saltus.wire import cdr, codec
 from saltus.wire.cdr import header
 from saltus.wire.messages import Heightmap, HeightmapStatus, RobotState, points_of
-from saltus.wire.ros_types import Header, Message, Quaternion, Stamp, Vector
+from saltus.wire.ros_types import RosHeader, RosMessage, RosQuaternion, RosTime, RosVector
 from saltus.wire.schemas import TYPE_NAME
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -48,12 +48,12 @@ def add_types(definitions: dict[str, str]) -> None:
 
 add_types(GRID_MAP)
 
-_VECTOR: Callable[..., Vector] = STORE.types["geometry_msgs/msg/Vector3"]
-_POINT: Callable[..., Vector] = STORE.types["geometry_msgs/msg/Point"]
-QUATERNION: Callable[..., Quaternion] = STORE.types["geometry_msgs/msg/Quaternion"]
+_VECTOR: Callable[..., RosVector] = STORE.types["geometry_msgs/msg/Vector3"]
+_POINT: Callable[..., RosVector] = STORE.types["geometry_msgs/msg/Point"]
+QUATERNION: Callable[..., RosQuaternion] = STORE.types["geometry_msgs/msg/Quaternion"]
 """`geometry_msgs/msg/Quaternion` of x, y, z, w."""
-_TRANSFORM: Callable[..., Message] = STORE.types["geometry_msgs/msg/Transform"]
-_STAMPED: Callable[..., Message] = STORE.types["geometry_msgs/msg/TransformStamped"]
+_TRANSFORM: Callable[..., RosMessage] = STORE.types["geometry_msgs/msg/Transform"]
+_STAMPED: Callable[..., RosMessage] = STORE.types["geometry_msgs/msg/TransformStamped"]
 
 BASE, BASE_YAW, WORLD, CAMERA, ODOM = "base", "base_yaw", "world", "camera", "odom"
 """Frames: of the trunk, the same turned by the yaw alone, of the course, of the depth image (z
@@ -82,7 +82,7 @@ def prepare(type_name: str) -> None:
     STORE.get_msgdef(type_name)
 
 
-def payload_of(message: Message) -> bytes:
+def payload_of(message: RosMessage) -> bytes:
     """A message as CDR."""
     return bytes(STORE.serialize_cdr(message, message.__msgtype__))
 
@@ -120,33 +120,35 @@ def decode(type_name: str, payload: bytes) -> Any:
         raise MessageError("malformed", f"{type_name}: {error}") from error
 
 
-def time_of(stamp: Stamp) -> int:
+def time_of(stamp: RosTime) -> int:
     """Nanoseconds of a `builtin_interfaces/msg/Time`."""
     return int(stamp.sec) * 10**9 + int(stamp.nanosec)
 
 
-def make(type_name: str, **fields: object) -> Message:
+def make(type_name: str, **fields: object) -> RosMessage:
     """A message of a type of `STORE`."""
     return STORE.types[type_name](**fields)
 
 
-def vector(values: ArrayLike) -> Vector:
+def vector(values: ArrayLike) -> RosVector:
     """A `geometry_msgs/msg/Vector3`."""
     return _VECTOR(*np.asarray(values, np.float64).tolist())
 
 
-def point(values: ArrayLike) -> Vector:
+def point(values: ArrayLike) -> RosVector:
     """A `geometry_msgs/msg/Point`."""
     return _POINT(*np.asarray(values, np.float64).tolist())
 
 
-def quaternion(wxyz: ArrayLike) -> Quaternion:
+def quaternion(wxyz: ArrayLike) -> RosQuaternion:
     """A `geometry_msgs/msg/Quaternion`, which has w last."""
     w, x, y, z = np.asarray(wxyz, np.float64).tolist()
     return QUATERNION(x, y, z, w)
 
 
-def place(head: Header, child: str, translation: Vector, rotation: Quaternion) -> Message:
+def place(
+    head: RosHeader, child: str, translation: RosVector, rotation: RosQuaternion
+) -> RosMessage:
     """A `geometry_msgs/msg/TransformStamped` from the frame of the header to another one."""
     return _STAMPED(head, child, _TRANSFORM(translation, rotation))
 
@@ -169,7 +171,7 @@ def optical(roll: float, pitch: float, yaw: float) -> tuple[float, float, float,
     return (w, x, y, z)
 
 
-def joint_state(time_ns: int, names: Sequence[str], state: RobotState) -> Message:
+def joint_state(time_ns: int, names: Sequence[str], state: RobotState) -> RosMessage:
     """A `sensor_msgs/msg/JointState`."""
     values = (
         np.array(v, np.float64)
@@ -183,7 +185,7 @@ def joint_state(time_ns: int, names: Sequence[str], state: RobotState) -> Messag
     )  # fmt: skip
 
 
-def odometry(time_ns: int, base: str, position: Floats, state: RobotState) -> Message:
+def odometry(time_ns: int, base: str, position: Floats, state: RobotState) -> RosMessage:
     """A `nav_msgs/msg/Odometry` of a frame in `odom`.
 
     Velocities are in the frame of the base, covariances unknown.
@@ -212,7 +214,7 @@ def usable_heights(heightmap: Heightmap) -> Reals:
     return height if heightmap.status in USABLE else np.full_like(height, np.nan)
 
 
-def points(time_ns: int, frame: str, **columns: ArrayLike) -> Message:
+def points(time_ns: int, frame: str, **columns: ArrayLike) -> RosMessage:
     """A `sensor_msgs/msg/PointCloud2` of one row; `columns` are x,
     y, z and what else each point has, shape (n,).
     """
@@ -228,7 +230,7 @@ def points(time_ns: int, frame: str, **columns: ArrayLike) -> Message:
     )  # fmt: skip
 
 
-def height_points(heightmap: Heightmap) -> Message:
+def height_points(heightmap: Heightmap) -> RosMessage:
     """Predicted heights as points in the yaw frame,
     each with half of its 90 % interval, and its age where it is known.
 
@@ -243,7 +245,7 @@ def height_points(heightmap: Heightmap) -> Message:
     )  # fmt: skip
 
 
-def grid_map(heightmap: Heightmap) -> Message:
+def grid_map(heightmap: Heightmap) -> RosMessage:
     """Predicted heights as a `grid_map_msgs/msg/GridMap` in the yaw frame:
     elevation, variance, half_width, age.
 
@@ -307,7 +309,7 @@ def _between(table: Floats, sides: Sequence[Floats], cells: Sequence[Floats]) ->
     return np.stack([np.interp(cells[1], sides[1], row) for row in along])
 
 
-def _column_major(table: Floats) -> Message:
+def _column_major(table: Floats) -> RosMessage:
     dimension = STORE.types["std_msgs/msg/MultiArrayDimension"]
     rows, columns = table.shape
     sizes = [dimension("column_index", columns, rows * columns), dimension("row_index", rows, rows)]
@@ -322,7 +324,7 @@ def marker(
     rgba: Rgba, scale: ArrayLike, position: ArrayLike = (0.0, 0.0, 0.0),
     wxyz: ArrayLike = (1.0, 0.0, 0.0, 0.0),
     places: Sequence[AnyArray] | AnyArray = (), locked: bool = False,
-) -> Message:  # fmt: skip
+) -> RosMessage:  # fmt: skip
     """A `visualization_msgs/msg/Marker`.
 
     One of a list of places takes away the earlier one where there are none.
@@ -350,6 +352,6 @@ def marker(
     )  # fmt: skip
 
 
-def marker_array(markers: Sequence[Message]) -> Message:
+def marker_array(markers: Sequence[RosMessage]) -> RosMessage:
     """A `visualization_msgs/msg/MarkerArray`."""
     return make("visualization_msgs/msg/MarkerArray", markers=markers)

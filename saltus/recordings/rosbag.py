@@ -16,20 +16,21 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats
 from saltus.errors import MessageError, RecordingError
 from saltus.recordings.bag_files import opened
-from saltus.recordings.bag_messages import Messages, Received, receive
+from saltus.recordings.bag_messages import BagMessage, BagMessages, receive
 from saltus.recordings.bag_topics import COMMANDS, choose
-from saltus.recordings.description import Topics
-from saltus.recordings.images import intrinsics, is_rectified, matrices_differ
+from saltus.recordings.recording_description import BagTopics
+from saltus.recordings.ros_images import intrinsics, is_rectified, matrices_differ
 from saltus.recordings.run_claims import CameraClaim, RigClaims
-from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, period_of
+from saltus.recordings.run_log import DepthTable, JointTable, LogTable, RunLog, period_of
 from saltus.rotations import rotation_matrix
-from saltus.wire.ros_types import CameraInfo
+from saltus.wire.ros_types import RosCameraInfo
 
 OLDEST_IMAGE_S = 10.0  # an image that is older at its arrival was stamped by another clock
 
 
 def read_rosbag(
-    path: Path, topics: Topics, left_out: Sequence[str] = (), size: tuple[int, int] | None = None,
+    path: Path, topics: BagTopics, left_out: Sequence[str] = (),
+    size: tuple[int, int] | None = None,
     depth_unit_m: float | None = None,
 ) -> tuple[RunLog, list[str]]:  # fmt: skip
     """Reads the joints and whatever else there is.
@@ -77,7 +78,7 @@ def read_rosbag(
 
 def _joints(
     chosen: dict[str, str],
-    received: dict[str, list[Received]],
+    received: dict[str, list[BagMessage]],
     left_out: Sequence[str],
     notes: list[str],
 ) -> tuple[list[str], JointTable]:
@@ -108,7 +109,7 @@ def _joints(
     return names, JointTable(time_s=time_s, **signals)
 
 
-def _whole(messages: Messages, topic: str, notes: list[str]) -> Messages:
+def _whole(messages: BagMessages, topic: str, notes: list[str]) -> BagMessages:
     """The messages of a topic that name all joints of the longest:
     a gripper may send its own on the same topic.
     """
@@ -126,7 +127,7 @@ def _whole(messages: Messages, topic: str, notes: list[str]) -> Messages:
 
 
 def _signals(
-    messages: Messages,
+    messages: BagMessages,
     topic: str,
     names: Sequence[str],
     signals: Sequence[str],
@@ -162,31 +163,31 @@ def _signals(
     return rows
 
 
-def _times(messages: Messages) -> Floats:
+def _times(messages: BagMessages) -> Floats:
     return np.array([each.time_s for each in messages])
 
 
-def _imu(messages: Messages, notes: list[str]) -> Table | None:
+def _imu(messages: BagMessages, notes: list[str]) -> LogTable | None:
     if not messages:
         return None
     values = np.stack([each.message for each in messages])
     if np.isnan(values[0, :4]).all() and np.isnan(values[:, :4]).all():
         notes.append("the IMU tells no orientation, and is left out")
         return None
-    return Table(time_s=_times(messages), values=values)
+    return LogTable(time_s=_times(messages), values=values)
 
 
-def _base(messages: Messages) -> Table | None:
+def _base(messages: BagMessages) -> LogTable | None:
     if not messages:
         return None
     values = np.stack([each.message for each in messages])
     # Into the world
     values[:, 7:] = (rotation_matrix(values[:, 3:7]) @ values[:, 7:, None])[..., 0]
-    return Table(time_s=_times(messages), values=values)
+    return LogTable(time_s=_times(messages), values=values)
 
 
 def _depth(
-    path: Path, messages: list[Received], size: tuple[int, int] | None, notes: list[str]
+    path: Path, messages: list[BagMessage], size: tuple[int, int] | None, notes: list[str]
 ) -> DepthTable | None:
     """Images of one size, taken before they came and by the clock of the bag."""
     if not messages:
@@ -239,7 +240,7 @@ def _depth(
 
 
 def _camera(
-    infos: Sequence[CameraInfo], topic: str, depth: DepthTable, notes: list[str]
+    infos: Sequence[RosCameraInfo], topic: str, depth: DepthTable, notes: list[str]
 ) -> CameraClaim | None:
     """The first calibration that fits the images."""
     height, width = depth.depth_mm.shape[1:]

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TypedDict
 
 from saltus.errors import RecordingError
-from saltus.recordings.units import stated_units
+from saltus.recordings.log_units import stated_units
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import shipped_robots
@@ -95,21 +95,24 @@ SEGMENT_KEYS = ("name", "t0", "t1", "condition")
 BASES = ("fixed", "free")
 SECONDS = (-1e9, 1e9)
 
-Range = tuple[float, float, str]
+ClaimRange = tuple[float, float, str]
 """Smallest and largest value that is allowed, and the unit."""
 
-GAINS: dict[str, Range] = {"kp": (0.0, 1e5, "Nm/rad"), "kd": (0.0, 1e4, "Nm s/rad")}
-CONTROL_DT: Range = (1e-5, 1.0, "s")
-OPTIONAL: dict[str, Range] = {
+GAINS: dict[str, ClaimRange] = {"kp": (0.0, 1e5, "Nm/rad"), "kd": (0.0, 1e4, "Nm s/rad")}
+CONTROL_DT: ClaimRange = (1e-5, 1.0, "s")
+OPTIONAL: dict[str, ClaimRange] = {
     "payload_kg": (0.0, 1e3, "kg"),
     "battery_v": (0.0, 1e3, "V"),
     "motor_strength": (0.1, 10.0, ""),
 }
-GROUND: dict[str, Range] = {"friction": (1e-3, 10.0, ""), "contact_time_constant": (1e-4, 1.0, "s")}
-FOCAL: Range = (1e-2, 1e5, "px")
-CENTRE: Range = (-1e5, 1e5, "px")
-PIXELS: Range = (1, 1e4, "px")
-CAMERA: dict[str, Range] = {
+GROUND: dict[str, ClaimRange] = {
+    "friction": (1e-3, 10.0, ""),
+    "contact_time_constant": (1e-4, 1.0, "s"),
+}
+FOCAL: ClaimRange = (1e-2, 1e5, "px")
+CENTRE: ClaimRange = (-1e5, 1e5, "px")
+PIXELS: ClaimRange = (1, 1e4, "px")
+CAMERA: dict[str, ClaimRange] = {
     "fx": FOCAL,
     "fy": FOCAL,
     "cx": CENTRE,
@@ -118,15 +121,15 @@ CAMERA: dict[str, Range] = {
     "height": PIXELS,
     "pitch": (-3.2, 3.2, "rad"),
 }
-CAMERA_OPTIONAL: dict[str, Range] = {
+CAMERA_OPTIONAL: dict[str, ClaimRange] = {
     "roll": (-3.2, 3.2, "rad"),
     "yaw": (-3.2, 3.2, "rad"),
     "rate": (0.0, 1e4, "Hz"),
     "latency": (0.0, 10.0, "s"),
     "range_max": (1e-2, 1e3, "m"),
 }
-PLACE: Range = (-1e4, 1e4, "m")
-SIZE: Range = (1e-6, 1e5, "m")
+PLACE: ClaimRange = (-1e4, 1e4, "m")
+SIZE: ClaimRange = (1e-6, 1e5, "m")
 
 
 def claim_of(robot: Robot) -> str:
@@ -244,13 +247,13 @@ def _check_terrain(terrain: object) -> None:
                 )
 
 
-def _check(table: Mapping[str, object], where: str, ranges: dict[str, Range]) -> None:
+def _check(table: Mapping[str, object], where: str, ranges: dict[str, ClaimRange]) -> None:
     for key, allowed in ranges.items():
         if not _is_within(table.get(key), allowed):
             raise _refused(where + key, table.get(key), _range(allowed))
 
 
-def _check_optional(table: Mapping[str, object], where: str, ranges: dict[str, Range]) -> None:
+def _check_optional(table: Mapping[str, object], where: str, ranges: dict[str, ClaimRange]) -> None:
     _check(
         table,
         where,
@@ -258,7 +261,9 @@ def _check_optional(table: Mapping[str, object], where: str, ranges: dict[str, R
     )
 
 
-def _check_vector(table: Mapping[str, object], key: str, allowed: Range, where: str = "") -> None:
+def _check_vector(
+    table: Mapping[str, object], key: str, allowed: ClaimRange, where: str = ""
+) -> None:
     values = table.get(key)
     if (
         not isinstance(values, list)
@@ -275,13 +280,13 @@ def _table(meta: Mapping[str, object], key: str) -> dict[str, object]:
     return table or {}
 
 
-def _is_within(value: Any, allowed: Range) -> bool:
+def _is_within(value: Any, allowed: ClaimRange) -> bool:
     """False for what is not a finite number, too."""
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     return is_number and allowed[0] <= value <= allowed[1]
 
 
-def _range(allowed: Range) -> str:
+def _range(allowed: ClaimRange) -> str:
     low, high, unit = allowed
     return f"{low:g} to {high:g} {unit}".rstrip()
 

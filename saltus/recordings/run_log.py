@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Indices
 from saltus.errors import RecordingError
-from saltus.recordings.columns import opened_archive, read_archive, read_parquet, read_text
+from saltus.recordings.file_columns import opened_archive, read_archive, read_parquet, read_text
+from saltus.recordings.log_units import FARTHEST_MM, in_si, stated_units
 from saltus.recordings.run_claims import RigClaims, check_claims, claim_of
-from saltus.recordings.units import FARTHEST_MM, in_si, stated_units
 from saltus.robots.robot import LEGS, Robot
 
 AXES = ("x", "y", "z")
@@ -50,7 +50,7 @@ FORMS = {"parquet": read_parquet, "npz": read_archive, "csv": read_text}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Table:
+class LogTable:
     """Rows of one table."""
 
     time_s: Floats
@@ -104,9 +104,9 @@ class RunLog:
     meta: RigClaims
     """Contents of meta.json: what is claimed of the rig."""
     joints: JointTable
-    imu: Table | None = None
-    base: Table | None = None
-    feet: Table | None = None
+    imu: LogTable | None = None
+    base: LogTable | None = None
+    feet: LogTable | None = None
     depth: DepthTable | None = None
 
 
@@ -138,7 +138,7 @@ def write_run_log(log: RunLog, directory: Path, robot: Robot | None = None) -> N
     columns = [f"{name}_{joint}" for name in signals for joint in log.meta["joints"]]
     values = np.concatenate([getattr(log.joints, name) for name in signals], axis=1)
     tables = {
-        "joints": (columns, Table(time_s=log.joints.time_s, values=values)),
+        "joints": (columns, LogTable(time_s=log.joints.time_s, values=values)),
         "imu": (IMU_COLUMNS, log.imu),
         "base": (BASE_COLUMNS, log.base),
         "feet": (FEET_COLUMNS, log.feet),
@@ -226,7 +226,7 @@ def read_claims(directory: Path) -> RigClaims:
     return cast(RigClaims, meta)
 
 
-def _write(path: Path, columns: Sequence[str], table: Table) -> None:
+def _write(path: Path, columns: Sequence[str], table: LogTable) -> None:
     rows = np.column_stack([table.time_s, table.values])
     names = ["t", *columns]
     with path.open("wb") as file:
@@ -267,7 +267,7 @@ def _read_table(directory: Path, name: str) -> tuple[Path, dict[str, Floats]] | 
     return None
 
 
-def _read_optional(directory: Path, name: str, columns: Sequence[str]) -> Table | None:
+def _read_optional(directory: Path, name: str, columns: Sequence[str]) -> LogTable | None:
     read = _read_table(directory, name)
     if read is None:
         return None
@@ -275,7 +275,9 @@ def _read_optional(directory: Path, name: str, columns: Sequence[str]) -> Table 
     for column in columns:
         if column not in there:
             raise RecordingError(f"{path}: column '{column}' is missing")
-    return Table(time_s=there["t"], values=np.column_stack([there[column] for column in columns]))
+    return LogTable(
+        time_s=there["t"], values=np.column_stack([there[column] for column in columns])
+    )
 
 
 def _read_joints(directory: Path, joints: list[str]) -> JointTable:

@@ -15,7 +15,7 @@ from saltus.recordings.recorded_file import is_recording
 from saltus.recordings.recorder import RECORDING_FILE
 from saltus.recordings.recording import Recording, read_recording
 from saltus.recordings.run_claims import SCHEMA, CameraClaim, RigClaims, SegmentClaim, claim_of
-from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table, write_run_log
+from saltus.recordings.run_log import DepthTable, JointTable, LogTable, RunLog, write_run_log
 from saltus.robots.robot import JOINTS
 from saltus.trial import Trial
 from saltus.wire.messages import DepthFrame, GroundTruth, JointLog, RobotState
@@ -170,10 +170,10 @@ def _row_times(logs: list[JointLog]) -> Floats:
     return np.interp(rows, first, starts_s) + logs[-1].dt_s * np.maximum(rows - first[-1], 0)
 
 
-def _table(times_ns: list[int], rows: Sequence[object]) -> Table | None:
+def _table(times_ns: list[int], rows: Sequence[object]) -> LogTable | None:
     if not times_ns:
         return None
-    return Table(time_s=np.array(times_ns) * 1e-9, values=np.array(rows, dtype=np.float64))
+    return LogTable(time_s=np.array(times_ns) * 1e-9, values=np.array(rows, dtype=np.float64))
 
 
 def _depth(frames: list[tuple[int, DepthFrame]]) -> DepthTable | None:

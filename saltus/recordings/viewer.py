@@ -23,8 +23,8 @@ from saltus.recordings.ros_messages import BASE, BASE_YAW, CAMERA, WORLD
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import LINKS, Robot
 from saltus.rotations import rotation_matrix
-from saltus.sim.scene import TRUNK
-from saltus.sim.shapes import looks_of
+from saltus.sim.robot_model import TRUNK
+from saltus.sim.visual_shapes import looks_of
 from saltus.terrain.terrain import Terrain
 from saltus.wire import ros_types
 from saltus.wire.bus import topic_of
@@ -241,7 +241,7 @@ class Viewer:
             transforms += self._frames.links(time_ns, body.joint_position)
         return _message("/viewer/tf", ros.make("tf2_msgs/msg/TFMessage", transforms=transforms))
 
-    def _robot_markers(self) -> Iterator[ros_types.Message]:
+    def _robot_markers(self) -> Iterator[ros_types.RosMessage]:
         for number, part in enumerate(self._looks.primitives):
             frame = BASE if part.body == TRUNK else part.body
             yield ros.marker(
@@ -250,7 +250,7 @@ class Viewer:
                 wxyz=part.quaternion, locked=True,
             )  # fmt: skip
 
-    def _terrain_markers(self) -> Iterator[ros_types.Message]:
+    def _terrain_markers(self) -> Iterator[ros_types.RosMessage]:
         boxes = self._terrain.arrays
         rows = zip(boxes.center, 2.0 * boxes.half_size, boxes.quaternion, strict=True)
         for number, (centre, size, turned) in enumerate(rows):
@@ -266,7 +266,7 @@ class Viewer:
         feet = self._legs.position(np.asarray(state.joint_position, dtype=np.float64))
         return np.asarray(feet @ rotation_matrix(turned).T @ yaw)
 
-    def _contacts(self, state: RobotState) -> Iterator[ros_types.Message]:
+    def _contacts(self, state: RobotState) -> Iterator[ros_types.RosMessage]:
         feet = self._feet(state)
         standing = feet[np.asarray(state.leg_contact)]
         yield _dots(state, "stance", 0, STANCE, standing)
@@ -276,7 +276,7 @@ class Viewer:
         up[:, 2] = FORCE_M_PER_N * force[loaded]
         yield _lines(state, "force", 1, FORCE, feet[loaded], feet[loaded] + up)
 
-    def _planned(self, state: RobotState) -> Iterator[ros_types.Message]:
+    def _planned(self, state: RobotState) -> Iterator[ros_types.RosMessage]:
         feet, planned = self._feet(state), np.full((4, 3), np.nan)
         if self._plan is not None:
             planned = self._footholds.planned(state, self._plan, self._heightmap)
@@ -284,7 +284,7 @@ class Viewer:
         yield _dots(state, "target", 0, PLANNED, planned[swings])
         yield _lines(state, "way", 1, PLANNED, feet[swings], planned[swings])
 
-    def _numbers(self, state: RobotState, arrival_ns: int) -> ros_types.Message:
+    def _numbers(self, state: RobotState, arrival_ns: int) -> ros_types.RosMessage:
         truth = self._truths[-1] if self._truths else None
         heightmap, plan, errors = self._heightmap, self._plan, self._errors
         velocity = np.asarray((truth or state).velocity_base_in_world)
@@ -340,11 +340,11 @@ class RobotFrames:
             ros.quaternion(ros.optical(robot.camera_roll, robot.camera_pitch, robot.camera_yaw)),
         )
 
-    def camera(self, time_ns: int) -> ros_types.Message:
+    def camera(self, time_ns: int) -> ros_types.RosMessage:
         """The camera, z along its optical axis, on the base."""
         return ros.place(header(time_ns, self._base), CAMERA, *self._camera)
 
-    def links(self, time_ns: int, joint_position: ArrayLike) -> list[ros_types.Message]:
+    def links(self, time_ns: int, joint_position: ArrayLike) -> list[ros_types.RosMessage]:
         """The links of the legs, each in the frame of the one before it.
 
         Joint positions [rad], shape (12,).
@@ -364,7 +364,7 @@ class RobotFrames:
 
 def _dots(
     state: RobotState, name: str, number: int, rgba: ros.Rgba, places: Floats
-) -> ros_types.Message:
+) -> ros_types.RosMessage:
     return ros.marker(
         state.time_ns,
         BASE_YAW,
@@ -379,7 +379,7 @@ def _dots(
 
 def _lines(
     state: RobotState, name: str, number: int, rgba: ros.Rgba, start: Floats, end: Floats
-) -> ros_types.Message:
+) -> ros_types.RosMessage:
     places = list(np.stack([start, end], axis=1).reshape(-1, 3))
     return ros.marker(
         state.time_ns,
@@ -393,5 +393,5 @@ def _lines(
     )
 
 
-def _message(topic: str, wire: ros_types.Message) -> ViewerMessage:
+def _message(topic: str, wire: ros_types.RosMessage) -> ViewerMessage:
     return ViewerMessage(topic, wire.__msgtype__, ros.payload_of(wire))

@@ -13,7 +13,7 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from saltus.files import write_whole
-from saltus.reports.templates import TEMPLATES, template_beside
+from saltus.reports.page_templates import TEMPLATES, template_beside
 
 PLOTLY = f"plotly-{plotly.__version__}.min.js"
 """The file beside a page."""

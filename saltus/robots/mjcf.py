@@ -16,10 +16,10 @@ from saltus.robots.legs import LegKinematics
 from saltus.robots.plain_mjcf import kept_rod, trunk_box, write_mjcf
 from saltus.robots.robot import JOINTS, LINKS, Gains, Robot
 from saltus.robots.similarity import CAMERA_PITCH, INERTIA_FACTOR, STAND_SHARE, Similarity
-from saltus.robots.structure import Structure, read_structure
-from saltus.robots.supplement import Supplement, load_supplement
+from saltus.robots.structure import RobotStructure, read_structure
+from saltus.robots.supplement import RobotSupplement, load_supplement
 
-Kind = Literal["model", "toml", "derived", "guessed", "missing"]
+OriginKind = Literal["model", "toml", "derived", "guessed", "missing"]
 STAND_KEYFRAMES = ("stand", "home")
 LEVEL_M = 0.03  # the feet of a standing robot are at one height within this [m]
 ANGLE_TOLERANCE = 1e-3  # of a keyframe beyond a joint's limit [rad]
@@ -30,7 +30,7 @@ class FieldOrigin:
     """Where a field of a robot comes from."""
 
     field: str
-    kind: Kind
+    kind: OriginKind
     """model: read there. toml: given there. derived: from both. guessed: nobody says it. missing:
     taken as none."""
     detail: str
@@ -46,7 +46,7 @@ class Derivation:
 
 def derive(mjcf: Path, supplement: Path | None = None) -> Derivation:
     """Derives a robot from its model, and a TOML file with fields
-    of `saltus.robots.supplement.Supplement`.
+    of `saltus.robots.supplement.RobotSupplement`.
 
     Raises:
         ModelError: the model cannot be read, or its legs are not of our kind.
@@ -59,7 +59,7 @@ def derive(mjcf: Path, supplement: Path | None = None) -> Derivation:
 class _Deriver:
     """One derivation, with the origins that are known so far."""
 
-    def __init__(self, structure: Structure, given: Supplement, name: str) -> None:
+    def __init__(self, structure: RobotStructure, given: RobotSupplement, name: str) -> None:
         self._model, self._structure, self._given, self._name = (
             structure.model,
             structure,
@@ -277,13 +277,13 @@ class _Deriver:
     def _guess(self, name: str, value: object) -> Any:
         return self._take(name, value, "guessed", "scaled to size and mass")
 
-    def _take(self, name: str, value: object, kind: Kind, detail: str = "") -> Any:
+    def _take(self, name: str, value: object, kind: OriginKind, detail: str = "") -> Any:
         """Returns what the TOML says of a field, else `value`."""
         given = getattr(self._given, name)
         self._note(name, kind if given is None else "toml", detail if given is None else "")
         return value if given is None else given
 
-    def _note(self, name: str, kind: Kind, detail: str = "") -> None:
+    def _note(self, name: str, kind: OriginKind, detail: str = "") -> None:
         self._origins.append(FieldOrigin(field=name, kind=kind, detail=detail))
 
 

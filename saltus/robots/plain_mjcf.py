@@ -14,18 +14,18 @@ import numpy as np
 
 from saltus.arrays import Floats
 from saltus.robots.robot import JOINTS, LEGS, LINKS
-from saltus.robots.structure import AXES, Leg, Structure
+from saltus.robots.structure import AXES, LegStructure, RobotStructure
 
 # Proportions of the rods that stand for links of which the model says more, or nothing: radius of
 # the hip and half of its length by the abduction offset, radius of thigh and calf by their lengths.
 HIP_RADIUS, HIP_HALF_LENGTH, THIGH_RADIUS, CALF_RADIUS = 0.575, 0.25, 0.08, 0.0375
 TRUNK, PAYLOAD = "trunk", "payload"
 
-Shape = dict[str, str]
+GeomAttributes = dict[str, str]
 """Attributes of a geom."""
 
 
-def trunk_box(structure: Structure) -> tuple[Floats, Floats]:
+def trunk_box(structure: RobotStructure) -> tuple[Floats, Floats]:
     """Centre and full edge lengths [m], base frame,
     of the box around all that is solid of the trunk, shapes (3,).
     """
@@ -42,7 +42,7 @@ def trunk_box(structure: Structure) -> tuple[Floats, Floats]:
 
 def write_mjcf(
     name: str,
-    structure: Structure,
+    structure: RobotStructure,
     *,
     stand_height: float,
     trunk_center: Floats,
@@ -94,7 +94,7 @@ def write_mjcf(
     return text + "\n"
 
 
-def kept_rod(model: mujoco.MjModel, leg: Leg, link: int) -> int | None:
+def kept_rod(model: mujoco.MjModel, leg: LegStructure, link: int) -> int | None:
     """The one capsule that is all that is solid of a link,
     besides the foot; None where it is not so.
     """
@@ -107,7 +107,7 @@ def kept_rod(model: mujoco.MjModel, leg: Leg, link: int) -> int | None:
     return solid[0] if is_capsule else None
 
 
-def _rod(model: mujoco.MjModel, leg: Leg, link: int) -> Shape:
+def _rod(model: mujoco.MjModel, leg: LegStructure, link: int) -> GeomAttributes:
     kept = kept_rod(model, leg, link)
     if kept is not None:
         position = leg.rotation[link] @ (model.geom_pos[kept] - model.jnt_pos[leg.joint[link]])
@@ -131,7 +131,11 @@ def _rod(model: mujoco.MjModel, leg: Leg, link: int) -> Shape:
 
 
 def _add_inertia(
-    element: ElementTree.Element, structure: Structure, body: int, rotation: Floats, start: Floats
+    element: ElementTree.Element,
+    structure: RobotStructure,
+    body: int,
+    rotation: Floats,
+    start: Floats,
 ) -> None:
     model = structure.model
     _add(

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from saltus.arrays import Floats
-from saltus.config import Value
+from saltus.config import TomlValue
 from saltus.errors import ConfigError
 
 LEGS = ("FR", "FL", "RR", "RL")
@@ -57,7 +57,7 @@ class Gains:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Robot(Value):
+class Robot(TomlValue):
     """A quadruped with legs of three hinges: abduction about x, then thigh and calf about y.
 
     Robots are equal when their fingerprints are. Arrays cannot be written.
@@ -145,7 +145,7 @@ class Robot(Value):
     """Name of the profile that it has as shipped."""
     mjcf: str = field(repr=False)
     """Its model: a trunk of one box and links of the names and the order of this module. What
-    MuJoCo simulates is made from it (`saltus.sim.scene`)."""
+    MuJoCo simulates is made from it (`saltus.sim.robot_model`)."""
 
     def __post_init__(self) -> None:
         for f in fields(self):

@@ -20,7 +20,7 @@ TOLERANCE = 1e-6  # of axes [-] and lengths [m]: numbers of an MJCF have about s
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Leg:
+class LegStructure:
     """One leg of a model.
 
     Vectors and rotations are those in the base frame where all joints are at zero.
@@ -60,15 +60,15 @@ class Leg:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Structure:
+class RobotStructure:
     """A compiled model, its base and its four legs in the order of `LEGS`."""
 
     model: mujoco.MjModel
     base: int
-    legs: tuple[Leg, ...]
+    legs: tuple[LegStructure, ...]
 
 
-def read_structure(path: str) -> Structure:
+def read_structure(path: str) -> RobotStructure:
     """Reads an MJCF file and finds its legs; `ModelError` says why that fails."""
     try:
         spec = mujoco.MjSpec.from_file(path)
@@ -78,7 +78,7 @@ def read_structure(path: str) -> Structure:
         raise ModelError(f"cannot read the model {path}: {str(error).splitlines()[0]}") from error
     try:
         base = _base(model)
-        return Structure(model=model, base=base, legs=_legs(model, base))
+        return RobotStructure(model=model, base=base, legs=_legs(model, base))
     except ModelError as error:
         raise ModelError(f"{path}: {error}") from error
 
@@ -102,7 +102,7 @@ def _base(model: mujoco.MjModel) -> int:
     return floating[0]
 
 
-def _legs(model: mujoco.MjModel, base: int) -> tuple[Leg, ...]:
+def _legs(model: mujoco.MjModel, base: int) -> tuple[LegStructure, ...]:
     data = mujoco.MjData(model)
     data.qpos[:] = 0.0
     data.qpos[model.jnt_qposadr[model.body_jntadr[base]] + 3] = 1.0
@@ -110,7 +110,7 @@ def _legs(model: mujoco.MjModel, base: int) -> tuple[Leg, ...]:
     limbs = [_chain(model, body) for body in _children(model, base)]
     if len(limbs) != len(LEGS):
         raise ModelError(f"the base {_name(model, base)} has {len(limbs)} limbs, not four legs")
-    found: dict[str, Leg] = {}
+    found: dict[str, LegStructure] = {}
     for limb in limbs:
         leg = _leg(model, data, limb)
         hip = leg.offset[0] + leg.offset[1] * (1.0, 0.0, 0.0)
@@ -149,7 +149,7 @@ def _chain(model: mujoco.MjModel, first: int) -> tuple[int, ...]:
     return tuple(chain)
 
 
-def _leg(model: mujoco.MjModel, data: mujoco.MjData, chain: tuple[int, ...]) -> Leg:
+def _leg(model: mujoco.MjModel, data: mujoco.MjData, chain: tuple[int, ...]) -> LegStructure:
     joints = tuple(int(model.body_jntadr[body]) for body in chain)
     signs = tuple(
         _sign(model, data, joint, *axis) for joint, axis in zip(joints, AXES, strict=True)
@@ -170,7 +170,7 @@ def _leg(model: mujoco.MjModel, data: mujoco.MjData, chain: tuple[int, ...]) -> 
             f"the axis of '{name}' is {offset[1][2]:.3g} m above that of the abduction: it must be "
             "level"
         )
-    return Leg(
+    return LegStructure(
         body=chain, joint=joints, sign=signs, offset=np.array(offset) + 0.0, rotation=rotation,
         foot=foot,
         foot_radius=float(model.geom_size[foot, 0]),
@@ -207,7 +207,7 @@ def _foot(model: mujoco.MjModel, chain: tuple[int, ...]) -> int:
     )
 
 
-def _check_alike(model: mujoco.MjModel, legs: tuple[Leg, ...]) -> None:
+def _check_alike(model: mujoco.MjModel, legs: tuple[LegStructure, ...]) -> None:
     first, *others = legs
     for leg in others:
         for what, length in leg.lengths.items():

@@ -8,14 +8,14 @@ from saltus import config
 from saltus.errors import ConfigError, check_known
 from saltus.robots.robot import JOINTS, LEGS, LINKS, Gains
 
-Numbers = tuple[float, ...] | None
+JointNumbers = tuple[float, ...] | None
 PerJoint = Annotated[
-    Numbers, "hip, thigh, calf of every leg, or twelve values in the order of JOINTS"
+    JointNumbers, "hip, thigh, calf of every leg, or twelve values in the order of JOINTS"
 ]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Supplement:
+class RobotSupplement:
     """Fields of `saltus.robots.robot.Robot`, each of which may be left out."""
 
     name: str | None = None
@@ -31,14 +31,14 @@ class Supplement:
     reduction: PerJoint = None
     armature: PerJoint = None
     gains: dict[str, float] = field(default_factory=dict)
-    trunk_size: Numbers = None
-    trunk_center: Numbers = None
-    inertia: Numbers = None
-    swing_foot_z: Numbers = None
-    neutral_foot: Numbers = None
-    landing_reach: Numbers = None
-    foot_force: Numbers = None
-    camera_position: Numbers = None
+    trunk_size: JointNumbers = None
+    trunk_center: JointNumbers = None
+    inertia: JointNumbers = None
+    swing_foot_z: JointNumbers = None
+    neutral_foot: JointNumbers = None
+    landing_reach: JointNumbers = None
+    foot_force: JointNumbers = None
+    camera_position: JointNumbers = None
     camera_pitch: float | None = None
     camera_roll: float | None = None
     camera_yaw: float | None = None
@@ -62,6 +62,6 @@ def _of_all_legs(name: str, values: tuple[float, ...]) -> tuple[float, ...]:
     return values if len(values) == len(JOINTS) else values * len(LEGS)
 
 
-def load_supplement(path: Path | None) -> Supplement:
+def load_supplement(path: Path | None) -> RobotSupplement:
     """Reads such a file; an empty one where there is none. `ConfigError` names the file."""
-    return Supplement() if path is None else config.load(Supplement, path)
+    return RobotSupplement() if path is None else config.load(RobotSupplement, path)

@@ -11,7 +11,7 @@ from saltus.constants import POLICY_DT
 from saltus.recordings import ros_messages as ros
 from saltus.ros2.commands import CommandReceiver
 from saltus.ros2.incoming import RosIntake
-from saltus.ros2.outgoing import TRANSFORMS, Exporter, Outgoing
+from saltus.ros2.outgoing import TRANSFORMS, OutgoingRosMessage, RosExporter
 from saltus.wire.bus import Bus, Slot
 from saltus.wire.messages import DepthFrame, Heightmap, RobotState
 from saltus.wire.ros2_node import RosNode, RosPublisher
@@ -27,10 +27,10 @@ ADVICE = {
 """Advice of reasons for which messages are refused."""
 
 
-class Sender:
+class RosSender:
     """Sends what comes on the bus to ROS."""
 
-    def __init__(self, bus: Bus, node: RosNode, exporter: Exporter, namespace: str) -> None:
+    def __init__(self, bus: Bus, node: RosNode, exporter: RosExporter, namespace: str) -> None:
         self._exporter = exporter
         self._latests = [
             bus.latest(name) for name in ("controller/state", "camera/depth", "heightmap/heightmap")
@@ -49,7 +49,7 @@ class Sender:
                 for out in self._made_of(sample.message):
                     self._publishers[out.topic].put(ros.payload_of(out.message), time.time_ns())
 
-    def _made_of(self, message: object) -> Iterable[Outgoing]:
+    def _made_of(self, message: object) -> Iterable[OutgoingRosMessage]:
         if isinstance(message, RobotState):
             return self._exporter.of_state(message)
         if isinstance(message, DepthFrame):
@@ -57,7 +57,7 @@ class Sender:
         return self._exporter.of_heightmap(message) if isinstance(message, Heightmap) else ()
 
 
-class Receiver:
+class RosReceiver:
     """Puts what comes from ROS on the bus: images as they come, states at the rate of the service.
 
     Args:
@@ -138,8 +138,8 @@ class Receiver:
 def run(
     bus: Bus,
     node: RosNode,
-    sender: Sender,
-    receiver: Receiver | None,
+    sender: RosSender,
+    receiver: RosReceiver | None,
     commands: CommandReceiver | None = None,
 ) -> None:
     """Sends and takes until the router of the run or that of ROS is gone."""

@@ -16,14 +16,20 @@ from saltus.arrays import Floats
 from saltus.depth import MILLIMETRE
 from saltus.errors import ConfigError, MessageError, nearest_hint
 from saltus.recordings import ros_messages as ros
-from saltus.recordings.images import COMPRESSED, intrinsics, is_rectified, millimetres, pixels_of
-from saltus.recordings.units import check_depth_unit
+from saltus.recordings.log_units import check_depth_unit
+from saltus.recordings.ros_images import (
+    COMPRESSED,
+    intrinsics,
+    is_rectified,
+    millimetres,
+    pixels_of,
+)
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import JOINTS, Robot
 from saltus.ros2.wall_clock import WallClock
 from saltus.rotations import rotation_matrix
 from saltus.wire.messages import ControllerMode, DepthFrame, RobotState
-from saltus.wire.ros_types import Image, JointState, Vector
+from saltus.wire.ros_types import AnyRosImage, RosJointState, RosVector
 from saltus.wire.topics import TOPICS
 
 HELD_S = TOPICS["controller/state"].invalid_age_s
@@ -212,7 +218,7 @@ class RosIntake:
             if kind not in self._newest or self._newest[kind].time_ns < oldest_ns
         ]
 
-    def _image(self, image: Image, time_ns: int, camera: str) -> DepthFrame:
+    def _image(self, image: AnyRosImage, time_ns: int, camera: str) -> DepthFrame:
         of_camera = "camera_info" + (f"/{camera}" if camera else "")
         if of_camera not in self._newest:
             raise MessageError("no_camera_info")
@@ -233,7 +239,7 @@ class RosIntake:
             **vars(lens),
         )
 
-    def _order(self, joints: JointState) -> list[int]:
+    def _order(self, joints: RosJointState) -> list[int]:
         """Where each of our joints is among theirs."""
         theirs = {name.removesuffix("_joint"): place for place, name in enumerate(joints.name)}
         for name in (name.removesuffix("_joint") for name in self._names):
@@ -255,5 +261,5 @@ class RosIntake:
         return np.asarray(np.asarray(values, dtype=np.float64)[order] * self._robot.joint_sign)
 
 
-def _vector(vector: Vector) -> Floats:
+def _vector(vector: RosVector) -> Floats:
     return np.array([vector.x, vector.y, vector.z])

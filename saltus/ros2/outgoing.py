@@ -19,7 +19,7 @@ from saltus.rotations import quaternion_inverse, quaternion_product
 from saltus.wire.cdr import header
 from saltus.wire.depth_codec import depth_on_the_wire
 from saltus.wire.messages import DepthFrame, Heightmap, RobotState
-from saltus.wire.ros_types import Message
+from saltus.wire.ros_types import RosMessage
 
 TRANSFORMS = "/tf"
 HEIGHTS = {
@@ -50,15 +50,15 @@ GAP_NS = 1_000_000_000  # a robot that was silent for so long has not gone on at
 
 
 @dataclass(frozen=True, eq=False)
-class Outgoing:
+class OutgoingRosMessage:
     """One message for ROS."""
 
     topic: str
     """Below the namespace, or "/tf"."""
-    message: Message
+    message: RosMessage
 
 
-class Exporter:
+class RosExporter:
     """Makes messages for ROS of those of a run.
 
     Args:
@@ -81,13 +81,13 @@ class Exporter:
         self._whole = whole
         self._way = EstimatedWay()
 
-    def of_heightmap(self, heightmap: Heightmap) -> Iterator[Outgoing]:
+    def of_heightmap(self, heightmap: Heightmap) -> Iterator[OutgoingRosMessage]:
         """Heights in the frame `base_yaw`."""
         dated = replace(heightmap, time_ns=self._clock.wall_ns(heightmap.time_ns))
-        yield Outgoing("elevation_map_raw", ros.grid_map(dated))
-        yield Outgoing("heights", ros.height_points(dated))
+        yield OutgoingRosMessage("elevation_map_raw", ros.grid_map(dated))
+        yield OutgoingRosMessage("heights", ros.height_points(dated))
 
-    def of_frame(self, frame: DepthFrame) -> Iterator[Outgoing]:
+    def of_frame(self, frame: DepthFrame) -> Iterator[OutgoingRosMessage]:
         """A depth image with its intrinsics."""
         if self._whole:
             depth = millimetres(frame)
@@ -95,10 +95,10 @@ class Exporter:
             wire = depth_on_the_wire(
                 replace(frame, time_ns=time_ns, depth=depth, depth_unit_m=1e-3)
             )
-            yield Outgoing("depth/image_rect_raw", wire.image)
-            yield Outgoing("depth/camera_info", wire.camera_info)
+            yield OutgoingRosMessage("depth/image_rect_raw", wire.image)
+            yield OutgoingRosMessage("depth/camera_info", wire.camera_info)
 
-    def of_state(self, state: RobotState) -> Iterator[Outgoing]:
+    def of_state(self, state: RobotState) -> Iterator[OutgoingRosMessage]:
         """Joints, odometry and frames.
 
         Of a robot that ROS brings only the frames of camera and heights.
@@ -118,9 +118,11 @@ class Exporter:
                 header(time_ns, ODOM), self._base, ros.vector(position), ros.quaternion(turned)
             )
             transforms = [where, *transforms, *self._frames.links(time_ns, state.joint_position)]
-            yield Outgoing("joint_states", ros.joint_state(time_ns, list(JOINTS), state))
-            yield Outgoing("odom", ros.odometry(time_ns, self._base, position, state))
-        yield Outgoing(TRANSFORMS, ros.make("tf2_msgs/msg/TFMessage", transforms=transforms))
+            yield OutgoingRosMessage("joint_states", ros.joint_state(time_ns, list(JOINTS), state))
+            yield OutgoingRosMessage("odom", ros.odometry(time_ns, self._base, position, state))
+        yield OutgoingRosMessage(
+            TRANSFORMS, ros.make("tf2_msgs/msg/TFMessage", transforms=transforms)
+        )
 
 
 def millimetres(frame: DepthFrame) -> NDArray[np.uint16]:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from saltus.config import PLAN_TOPICS, RunConfig
 from saltus.errors import RecordingError
-from saltus.recordings.recording import Arrival, Recording
+from saltus.recordings.recording import RecordedMessage, Recording
 from saltus.runtime.process import ProcessContext
 from saltus.runtime.programs import OPERATOR, PROGRAMS
 from saltus.setup import Setup
@@ -23,7 +23,7 @@ from saltus.wire.bus import Bell, Bus, Latest, RawSample, Slot, Stream
 from saltus.wire.messages import Message
 
 
-class Answer(NamedTuple):
+class ReplayedMessage(NamedTuple):
     """A message that a process says when it is fed a recording."""
 
     key: str
@@ -42,9 +42,9 @@ def body_of(name: str) -> Callable[..., None]:
 def replay(
     name: str,
     recording: Recording,
-    said: Callable[[Answer], None],
+    said: Callable[[ReplayedMessage], None],
     *,
-    heard: Callable[[Arrival], None] = lambda _: None,
+    heard: Callable[[RecordedMessage], None] = lambda _: None,
     body: Callable[[ProcessContext], None] | None = None,
     config: RunConfig | None = None,
 ) -> None:
@@ -78,7 +78,7 @@ def replay(
 class _Feed(Bell):
     """Bell that brings the next recorded message, of those asked for, to whoever waits for one."""
 
-    def __init__(self, recording: Recording, heard: Callable[[Arrival], None]) -> None:
+    def __init__(self, recording: Recording, heard: Callable[[RecordedMessage], None]) -> None:
         super().__init__()
         self._recording, self._heard = recording, heard
         self.slots: dict[str, list[Slot]] = {}
@@ -86,7 +86,7 @@ class _Feed(Bell):
         """Called when nothing is left."""
 
     @cached_property
-    def _arrivals(self) -> Iterator[Arrival]:
+    def _arrivals(self) -> Iterator[RecordedMessage]:
         """Messages of all that the process has asked for until it first waits."""
         recording, known = self._recording, set(self._recording.senders)
         # A robot that never jumps has no plans of jumps, one that never walks no joint targets
@@ -126,7 +126,7 @@ def _cure(key: str) -> str:
 class _RecordedBus(Bus):
     """A bus on which the others say what a recording has of them."""
 
-    def __init__(self, prefix: str, feed: _Feed, said: Callable[[Answer], None]) -> None:
+    def __init__(self, prefix: str, feed: _Feed, said: Callable[[ReplayedMessage], None]) -> None:
         super().__init__(prefix, feed)
         self._slots, self._said = feed.slots, said
 
@@ -157,7 +157,7 @@ class _RecordedBus(Bus):
 class _Publisher:
     """Hands on what is said under one key."""
 
-    def __init__(self, key: str, said: Callable[[Answer], None]) -> None:
+    def __init__(self, key: str, said: Callable[[ReplayedMessage], None]) -> None:
         self._key, self._said = key, said
 
     def heard(self) -> bool:
@@ -166,7 +166,7 @@ class _Publisher:
 
     def put(self, message: Message) -> None:
         """Encodes it, as it would have been sent."""
-        self._said(Answer(self._key, message, codec.encode(message)))
+        self._said(ReplayedMessage(self._key, message, codec.encode(message)))
 
 
 class _Context(ProcessContext):

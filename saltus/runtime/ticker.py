@@ -11,7 +11,7 @@ FUTURE_TOLERANCE_NS = (
 )
 
 
-class Freshness(Enum):
+class Staleness(Enum):
     """True where a message may still be used."""
 
     OK = "ok"
@@ -23,19 +23,19 @@ class Freshness(Enum):
     @property
     def usable(self) -> bool:
         """True where a consumer may act on the message at all."""
-        return self in (Freshness.OK, Freshness.DEGRADED)
+        return self in (Staleness.OK, Staleness.DEGRADED)
 
 
-def freshness(topic: Topic, capture_ns: int, now_ns: int) -> Freshness:
+def staleness_of(topic: Topic, capture_ns: int, now_ns: int) -> Staleness:
     """Judges a message by its age, both times in the run's clock."""
     age_ns = now_ns - capture_ns
     if age_ns < -FUTURE_TOLERANCE_NS:
-        return Freshness.FUTURE
+        return Staleness.FUTURE
     if age_ns > 1e9 * topic.invalid_age_s:
-        return Freshness.INVALID
+        return Staleness.INVALID
     if age_ns > 1e9 * topic.degraded_age_s:
-        return Freshness.DEGRADED
-    return Freshness.OK
+        return Staleness.DEGRADED
+    return Staleness.OK
 
 
 class Ticker:

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from saltus.robots.robot import LEGS, Robot
 from saltus.rotations import quaternion_from_roll_pitch_yaw
-from saltus.sim import scene
-from saltus.sim.scene import VISUAL_GROUP
+from saltus.sim import robot_model
+from saltus.sim.robot_model import VISUAL_GROUP
 from saltus.terrain.columns import Columns
 from saltus.terrain.terrain import Terrain
 
@@ -42,14 +42,14 @@ STRIP_M = 0.012  # half-width of the bright strip along an edge [m]
 
 
 def decorate(spec: mujoco.MjSpec, robot: Robot, terrain: Terrain) -> None:
-    """Adds looks to what `scene.build_spec` made of both.
+    """Adds looks to what `robot_model.build_spec` made of both.
 
     Draw the groups of terrain and visual shapes only.
     """
     _add_sky_and_light(spec)
     _add_ground(spec, terrain)
-    _add_trunk(spec.body(scene.TRUNK), robot)
-    _add_camera(spec.body(scene.TRUNK), robot)
+    _add_trunk(spec.body(robot_model.TRUNK), robot)
+    _add_camera(spec.body(robot_model.TRUNK), robot)
     for leg in range(len(LEGS)):
         _add_leg(spec, robot, leg)
 
@@ -68,7 +68,7 @@ def _add_sky_and_light(spec: mujoco.MjSpec) -> None:
     spec.visual.headlight.diffuse = (0.22, 0.22, 0.22)
     spec.visual.headlight.specular = (0.0, 0.0, 0.0)
     spec.visual.rgba.haze = HAZE
-    spec.body(scene.TRUNK).add_light(
+    spec.body(robot_model.TRUNK).add_light(
         name="sun",
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
         mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACK,
@@ -94,7 +94,7 @@ def _add_ground(spec: mujoco.MjSpec, terrain: Terrain) -> None:
     )
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "checker"
     for geom in spec.geoms:
-        if geom.group == scene.TERRAIN_GROUP:
+        if geom.group == robot_model.TERRAIN_GROUP:
             geom.material = "ground"
     lowest = float((terrain.arrays.center - terrain.arrays.extent)[:, 2].min())
     _add(

@@ -13,14 +13,14 @@ from saltus.constants import GRAVITY
 from saltus.effects.chain import ActuatorChain, ActuatorState, ImuChain, Torques
 from saltus.effects.compiled_chain import DriveStep
 from saltus.effects.imu import ImuReading
-from saltus.effects.order import chosen_of
+from saltus.effects.signal_chain import chosen_of
 from saltus.joint_command import JointCommand
 from saltus.robots.robot import Robot
-from saltus.sim import scene
-from saltus.sim.state import PlantState, sensed
-from saltus.states import Sensed
+from saltus.sim import robot_model
+from saltus.sim.plant_state import PlantState, sensed
+from saltus.states import SensorArrays
 
-Motion = tuple[float | Floats, Floats, Floats, Floats, Floats, Floats, Floats]
+DrivenMotion = tuple[float | Floats, Floats, Floats, Floats, Floats, Floats, Floats]
 """Time [s], `qpos`, `qvel`, centres of the feet in the world [m], rotation of the base, `qacc`,
 `sensordata`."""
 
@@ -60,7 +60,7 @@ class DrivenRobots(ABC):
         return self._reading
 
     @property
-    def sensed(self) -> Sensed:
+    def sensed(self) -> SensorArrays:
         """Returns what IMU and encoders report now."""
         return sensed(self._state, self._reading)
 
@@ -97,10 +97,10 @@ class DrivenRobots(ABC):
             joint_velocity=np.asarray(joints.velocity, dtype=np.float64),
             joint_torque=believed,
             foot_force=-sensors[
-                ..., scene.FOOT_FORCE_Z
+                ..., robot_model.FOOT_FORCE_Z
             ],  # the sensor gives the force that the foot exerts
             foot_position_in_world=feet,
-            trunk_contact=sensors[..., scene.TRUNK_CONTACT].any(-1),
+            trunk_contact=sensors[..., robot_model.TRUNK_CONTACT].any(-1),
         )
         true = ImuReading(
             quaternion_base_in_world=state.quaternion_base_in_world,
@@ -134,7 +134,7 @@ class DrivenRobots(ABC):
         """One step of the physics."""
 
     @abstractmethod
-    def _motion(self) -> Motion:
+    def _motion(self) -> DrivenMotion:
         """The present one; only `qacc` and `sensordata` may change later."""
 
 

@@ -1,8 +1,8 @@
 """The physics of many robots for training: live arrays in place of objects, and one step for all.
 
 `CpuEngine` runs on the cores of a CPU and `saltus.sim.warp_engine.WarpEngine` on a GPU, behind the
-same few arrays. Both simulate the robot of `saltus.sim.scene` on boxes that differ from robot to
-robot, with two simplifications that training can afford: the trunk is not solid (who simulates
+same few arrays. Both simulate the robot of `saltus.sim.robot_model` on boxes that differ from robot
+to robot, with two simplifications that training can afford: the trunk is not solid (who simulates
 looks whether the trunk is below the terrain, and ends the episode there), and what the engine
 derives from masses, the softness of contacts, stays that of a medium payload.
 """
@@ -14,7 +14,7 @@ import mujoco
 from saltus.arrays import Array
 from saltus.effects.body import BodyModel
 from saltus.robots.robot import LEGS, Robot
-from saltus.sim import scene
+from saltus.sim import robot_model
 from saltus.terrain import flat
 from saltus.terrain.boxes import Boxes
 
@@ -87,15 +87,15 @@ class Engine(ABC):
 
 
 def build_spec(robot: Robot, boxes: int, dimensions: int) -> mujoco.MjSpec:
-    """The robot of `scene.build_spec` with `boxes` terrain boxes,
+    """The robot of `robot_model.build_spec` with `boxes` terrain boxes,
     a trunk that is not solid and no force sensors.
     """
-    spec = scene.build_spec(
+    spec = robot_model.build_spec(
         robot, flat.make(), payload_kg=MEDIUM_PAYLOAD_KG, columns=boxes, dimensions=dimensions
     )
     for sensor in list(spec.sensors):
         spec.delete(sensor)
     for geom in spec.geoms:
-        if geom.name == scene.TRUNK:
+        if geom.name == robot_model.TRUNK:
             geom.contype = geom.conaffinity = 0
     return spec

@@ -6,7 +6,7 @@ import numpy as np
 from saltus.arrays import Floats
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
-from saltus.sim import scene
+from saltus.sim import robot_model
 from saltus.terrain import flat
 
 
@@ -19,7 +19,7 @@ class FootForces:
 
     def __init__(self, robot: Robot) -> None:
         self._legs, self._radius = LegKinematics(robot), robot.foot_radius
-        self._model = scene.build_spec(robot, flat.make()).compile()
+        self._model = robot_model.build_spec(robot, flat.make()).compile()
         self._model.opt.gravity[:] = 0.0  # an accelerometer feels it
         self._model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
         self._data = mujoco.MjData(self._model)

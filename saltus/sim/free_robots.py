@@ -10,7 +10,7 @@ import numpy as np
 from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT
 from saltus.robots.robot import LEGS, Robot
-from saltus.sim import scene
+from saltus.sim import robot_model
 from saltus.sim.mujoco_batch import MujocoBatch
 from saltus.terrain import flat
 from saltus.terrain.boxes import Boxes
@@ -20,12 +20,12 @@ OWN_GROUND = 1e-3  # boxes of which one has its top below this [m] bring their o
 
 
 @dataclass(frozen=True, kw_only=True)
-class Solver:
+class ContactSolver:
     """How contacts and time are computed; the defaults are the scene's own."""
 
-    impratio: float = scene.CONTACT_IMPRATIO
+    impratio: float = robot_model.CONTACT_IMPRATIO
     """Ratio of frictional to normal stiffness."""
-    impedance: tuple[float, float] = scene.CONTACT_SOLIMP[:2]
+    impedance: tuple[float, float] = robot_model.CONTACT_SOLIMP[:2]
     """Impedance of contacts, at the first touch and deep down."""
     is_pyramidal: bool = False
     """True where the cone of friction has four sides."""
@@ -35,7 +35,7 @@ class Solver:
     """Steps of the engine in one of `PHYSICS_DT`."""
 
 
-OWN_SOLVER = Solver()
+OWN_SOLVER = ContactSolver()
 
 
 class FreeRobots(MujocoBatch):
@@ -51,7 +51,7 @@ class FreeRobots(MujocoBatch):
         count: int,
         boxes: Boxes,
         *,
-        solver: Solver = OWN_SOLVER,
+        solver: ContactSolver = OWN_SOLVER,
         threads: int = 1,
     ) -> None:
         super().__init__(robot, _compiled(robot, boxes, solver), count, threads=threads)
@@ -89,15 +89,15 @@ class FreeRobots(MujocoBatch):
         """Force of the ground on each foot, mean over the last step,
         world frame [N], shape (count, 4, 3).
         """
-        return -self._sensors[:, scene.FOOT_FORCE].reshape(-1, 4, 3)
+        return -self._sensors[:, robot_model.FOOT_FORCE].reshape(-1, 4, 3)
 
 
 def spec_on(robot: Robot, boxes: Boxes, dimensions: int = 3) -> mujoco.MjSpec:
     """Describes a robot with a payload, on these boxes as `FreeRobots` takes them."""
     # with a payload, so that what the engine derives from masses exists for every robot
-    spec = scene.build_spec(robot, flat.make(), payload_kg=1.0, dimensions=dimensions)
-    ground = next(geom for geom in spec.geoms if geom.group == scene.TERRAIN_GROUP)
-    scene.add_boxes(spec, boxes, "box_{}")
+    spec = robot_model.build_spec(robot, flat.make(), payload_kg=1.0, dimensions=dimensions)
+    ground = next(geom for geom in spec.geoms if geom.group == robot_model.TERRAIN_GROUP)
+    robot_model.add_boxes(spec, boxes, "box_{}")
     if (boxes.center[:, 2] + boxes.extent[:, 2] < OWN_GROUND).any():
         spec.delete(ground)
     else:
@@ -105,16 +105,18 @@ def spec_on(robot: Robot, boxes: Boxes, dimensions: int = 3) -> mujoco.MjSpec:
     return spec
 
 
-def _compiled(robot: Robot, boxes: Boxes, solver: Solver) -> mujoco.MjModel:
+def _compiled(robot: Robot, boxes: Boxes, solver: ContactSolver) -> mujoco.MjModel:
     spec = spec_on(robot, boxes, solver.dimensions)
     for sensor in list(spec.sensors):
         if not sensor.name.endswith("_force"):
             spec.delete(sensor)
-    solid = (scene.TRUNK, *(f"{leg}_{link}" for leg in LEGS for link in ("calf", "foot")))
+    solid = (robot_model.TRUNK, *(f"{leg}_{link}" for leg in LEGS for link in ("calf", "foot")))
     for geom in spec.geoms:
-        if geom.group == scene.ROBOT_GROUP and geom.name not in solid:
+        if geom.group == robot_model.ROBOT_GROUP and geom.name not in solid:
             geom.contype = geom.conaffinity = 0
-        geom.solimp[:2] = solver.impedance if geom.group == scene.ROBOT_GROUP else geom.solimp[:2]
+        geom.solimp[:2] = (
+            solver.impedance if geom.group == robot_model.ROBOT_GROUP else geom.solimp[:2]
+        )
     spec.option.impratio = solver.impratio
     spec.option.timestep = PHYSICS_DT / solver.substeps
     if solver.is_pyramidal:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats
 from saltus.errors import ModelError, nearest_hint
 from saltus.robots.robot import Robot
-from saltus.sim import scene
+from saltus.sim import robot_model
 from saltus.terrain import flat
 
 SLOPE = 1e-5  # of an angle or a velocity: finite differences are then good to 1e-5 of their value
@@ -237,7 +237,7 @@ def _held_model(
     Nothing touches anything.
     """
     if isinstance(robot, Robot):
-        spec = scene.build_spec(robot, flat.make())
+        spec = robot_model.build_spec(robot, flat.make())
     else:
         try:
             spec = mujoco.MjSpec.from_file(str(robot))

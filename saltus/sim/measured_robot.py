@@ -13,7 +13,7 @@ from saltus.arrays import Floats
 from saltus.effects.body import BodyModel
 from saltus.robots.robot import JOINTS, LEGS, Robot
 from saltus.sim import free_robots
-from saltus.sim.layout import ModelLayout
+from saltus.sim.model_layout import ModelLayout
 from saltus.terrain.boxes import Boxes
 
 CLEAR_M = 0.005
@@ -36,7 +36,7 @@ class MeasuredMotion:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Touch:
+class MeasuredContact:
     """How a robot stands at n instants."""
 
     jacobian: Floats
@@ -93,7 +93,7 @@ class MeasuredRobot:
             found[k] = data.qfrc_inverse + data.qfrc_constraint
         return found
 
-    def touch(self, position: Floats) -> Touch:
+    def touch(self, position: Floats) -> MeasuredContact:
         """Where a robot with these positions touches the ground, shape (n, 19)."""
         model, data, count = self._model, self._data, len(position)
         jacobian, foot = (
@@ -117,4 +117,4 @@ class MeasuredRobot:
             angle = qpos[-len(JOINTS) :]
             at_stop = np.any((angle < self._low + STOP_RAD) | (angle > self._high - STOP_RAD))
             elsewhere[k] = at_stop or not np.isin(touching, self._feet).any(axis=1).all()
-        return Touch(jacobian=jacobian, foot=foot, elsewhere=elsewhere)
+        return MeasuredContact(jacobian=jacobian, foot=foot, elsewhere=elsewhere)

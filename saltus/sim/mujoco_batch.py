@@ -9,7 +9,7 @@ from mujoco.batch import Batch
 from saltus.arrays import Array, Floats
 from saltus.effects.body import BodyModel
 from saltus.robots.robot import Robot
-from saltus.sim.layout import ALL, ModelLayout, Rows
+from saltus.sim.model_layout import ALL, ModelLayout, Rows
 from saltus.terrain.boxes import Boxes
 
 

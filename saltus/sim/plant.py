@@ -14,12 +14,12 @@ from saltus.errors import SaltusError
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import LEGS, Robot
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
-from saltus.sim import scene
-from saltus.sim.driven_robots import DrivenRobots, Motion
-from saltus.sim.layout import ModelLayout
-from saltus.sim.state import PlantState
-from saltus.terrain.stack import TerrainStack
+from saltus.sim import robot_model
+from saltus.sim.driven_robots import DrivenMotion, DrivenRobots
+from saltus.sim.model_layout import ModelLayout
+from saltus.sim.plant_state import PlantState
 from saltus.terrain.terrain import Terrain
+from saltus.terrain.terrain_stack import TerrainStack
 
 CLEARANCE = 0.01  # feet above the ground at a reset [m]: falls 45 ms, too short to turn
 HELD_HEIGHT = 1.0  # of the base of a held robot [m]: no foot reaches the ground
@@ -89,7 +89,7 @@ class Plant(DrivenRobots):
         robot: Robot,
         terrain: Terrain,
         *,
-        friction: float = scene.FRICTION,
+        friction: float = robot_model.FRICTION,
         payload_kg: float = 0.0,
         com_shift: Sequence[float] = (0.0, 0.0, 0.0),
         chain: ActuatorChain | None = None,
@@ -103,7 +103,7 @@ class Plant(DrivenRobots):
             self._drive = compiled_step(self._chain)
         self.terrain = terrain
         body = body or BodyChain()
-        self.model = scene.build_spec(
+        self.model = robot_model.build_spec(
             robot,
             terrain,
             friction=friction,
@@ -182,7 +182,7 @@ class Plant(DrivenRobots):
             )
         mujoco.mj_kinematics(self.model, self.data)
 
-    def _motion(self) -> Motion:
+    def _motion(self) -> DrivenMotion:
         data = self.data
         rotation, feet = data.xmat[1].reshape(3, 3), data.geom_xpos[self._feet]
         return (

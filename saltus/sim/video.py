@@ -17,7 +17,7 @@ from saltus.errors import SaltusError
 from saltus.grid import HeightGrid
 from saltus.robots.robot import LEGS, Robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix, yaw_rotation
-from saltus.sim import scene
+from saltus.sim import robot_model
 from saltus.sim.appearance import decorate
 from saltus.sim.osmesa import drawing_context, read_pixels
 from saltus.sim.plant import standing_pose
@@ -278,7 +278,7 @@ def test_frame(robot: Robot, grid: HeightGrid) -> Frame:
 
 
 def _model(robot: Robot, terrain: Terrain) -> mujoco.MjModel:
-    spec = scene.build_spec(robot, terrain)
+    spec = robot_model.build_spec(robot, terrain)
     decorate(spec, robot, terrain)
     spec.visual.quality.offsamples = 0
     # Round enough at this size
@@ -293,7 +293,7 @@ def _model(robot: Robot, terrain: Terrain) -> mujoco.MjModel:
 def _option() -> mujoco.MjvOption:
     option = mujoco.MjvOption()
     option.geomgroup[:] = 0
-    option.geomgroup[scene.TERRAIN_GROUP] = option.geomgroup[scene.VISUAL_GROUP] = 1
+    option.geomgroup[robot_model.TERRAIN_GROUP] = option.geomgroup[robot_model.VISUAL_GROUP] = 1
     return option
 
 

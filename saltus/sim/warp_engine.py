@@ -10,7 +10,7 @@ from saltus.arrays import Array, namespace
 from saltus.effects.body import BodyModel
 from saltus.robots.robot import Robot
 from saltus.sim.engine import TOUCHING, Engine, build_spec
-from saltus.sim.layout import ModelLayout
+from saltus.sim.model_layout import ModelLayout
 from saltus.terrain.boxes import Boxes
 
 CONTACTS = 16

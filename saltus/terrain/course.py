@@ -17,11 +17,11 @@ from pathlib import Path
 
 import numpy as np
 
-from saltus.config import Value, check_between, from_table, load, read_file, read_toml
+from saltus.config import TomlValue, check_between, from_table, load, read_file, read_toml
 from saltus.errors import ConfigError
-from saltus.terrain.segments import Draws, Level, Segment, segment_of
+from saltus.terrain.course_segments import CourseSegment, Level, RandomSizes, segment_of
+from saltus.terrain.course_way import CourseWay
 from saltus.terrain.terrain import FINISH_AFTER_COURSE, GROUND_START_X, RUN_OUT, STANCE_M, Terrain
-from saltus.terrain.way import Way
 
 FOLDER = Path(__file__).with_name("courses")
 """Courses that Saltus brings."""
@@ -30,7 +30,7 @@ AHEAD_RAD = math.radians(60.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Course(Value):
+class Course(TomlValue):
     """Segments one behind the other, after level ground
     at the start and before level ground at the end.
 
@@ -39,7 +39,7 @@ class Course(Value):
     """
 
     kind: str
-    segments: tuple[Segment, ...]
+    segments: tuple[CourseSegment, ...]
     width: float = 2.0
     """Width of the way [m]."""
     floor_m: float = 0.0
@@ -62,7 +62,7 @@ class Course(Value):
         segments = tuple(segment_of(each, f"segments[{i}]") for i, each in enumerate(listed))
         return cls(segments=segments, **vars(from_table(_Rest, table)))
 
-    def terrain(self, draws: Draws) -> Terrain:
+    def terrain(self, draws: RandomSizes) -> Terrain:
         """The course with its sizes drawn.
 
         It ends at a line across x, or at its far end in x where it leads away.
@@ -75,12 +75,12 @@ class Course(Value):
             kind=self.kind, boxes=boxes, finish_x=end if leads_ahead else boxes[0].high[0]
         )
 
-    def ends(self, draws: Draws) -> list[tuple[float, float]]:
+    def ends(self, draws: RandomSizes) -> list[tuple[float, float]]:
         """World x and y where each segment ends [m], as `terrain` lays it with equal draws."""
         return self._laid(draws)[1]
 
-    def _laid(self, draws: Draws) -> tuple[Way, list[tuple[float, float]]]:
-        way, ends = Way(width=self.width, x=GROUND_START_X), []
+    def _laid(self, draws: RandomSizes) -> tuple[CourseWay, list[tuple[float, float]]]:
+        way, ends = CourseWay(width=self.width, x=GROUND_START_X), []
         for segment in (Level(length=STANCE_M - GROUND_START_X), *self.segments):
             segment.lay(way, draws)
             ends.append((way.x, way.y))
@@ -108,7 +108,7 @@ class CourseFamily:
 
         `ConfigError` names the file.
         """
-        draws = Draws(rng, 1.0 if difficulty is None else difficulty)
+        draws = RandomSizes(rng, 1.0 if difficulty is None else difficulty)
         terrain = load(Course, self.file).terrain(draws)
         return (
             terrain if difficulty is None else replace(terrain, params={"difficulty": difficulty})

@@ -15,7 +15,7 @@ from saltus.config import TerrainConfig, load
 from saltus.errors import ConfigError, nearest_hint
 from saltus.terrain import clutter, flat, level, ramp
 from saltus.terrain.course import CourseFamily, course_family, shipped_courses
-from saltus.terrain.own import OwnFamily, own_families
+from saltus.terrain.own_families import OwnFamily, own_families
 from saltus.terrain.terrain import TRENCH_DEPTH, Terrain, checked
 
 FILE_SUFFIX = ".toml"
@@ -34,7 +34,7 @@ SIZES = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Size:
+class FamilySize:
     """One size of a kind of terrain: its default, its bounds, and how difficulty sets it."""
 
     default: float
@@ -66,8 +66,8 @@ class SizedFamily:
 
     make: Callable[..., Terrain]
     """Takes the sizes by their names, and `rng` where something is drawn."""
-    sizes: dict[str, Size] = field(default_factory=dict)
-    greatest: dict[str, Size] = field(default_factory=dict)
+    sizes: dict[str, FamilySize] = field(default_factory=dict)
+    greatest: dict[str, FamilySize] = field(default_factory=dict)
     """Sizes that can be given besides, with which others are drawn."""
     is_drawn: bool = False
     """True where courses of other random numbers differ whatever the sizes are."""
@@ -93,22 +93,22 @@ class SizedFamily:
 # the courses of the paper's robot, with the mean of its gaps between stones. Bounds: the least that
 # a foot of 4 cm can tell from flat ground or stand on, up to a quarter more than difficulty 1 asks
 # for.
-_RISE = Size(default=0.15, low=0.0, high=0.3125, base=0.05, slope=0.20)
-_RUN = Size(default=0.25, low=0.1, high=2.0)
-_GAP = Size(default=0.80, low=0.01, high=1.4, base=0.01, slope=1.1)
-_DEPTH = Size(default=TRENCH_DEPTH, low=0.01, high=1.25)
+_RISE = FamilySize(default=0.15, low=0.0, high=0.3125, base=0.05, slope=0.20)
+_RUN = FamilySize(default=0.25, low=0.1, high=2.0)
+_GAP = FamilySize(default=0.80, low=0.01, high=1.4, base=0.01, slope=1.1)
+_DEPTH = FamilySize(default=TRENCH_DEPTH, low=0.01, high=1.25)
 _RAMP = {
-    "slope_deg": Size(default=20.0, low=0.0, high=37.5, base=0.0, slope=30.0),
-    "run_m": Size(default=3.0, low=0.1, high=20.0),
+    "slope_deg": FamilySize(default=20.0, low=0.0, high=37.5, base=0.0, slope=30.0),
+    "run_m": FamilySize(default=3.0, low=0.1, high=20.0),
 }
 
 
-def _count(default: int) -> Size:
-    return Size(default=default, low=1, high=100)
+def _count(default: int) -> FamilySize:
+    return FamilySize(default=default, low=1, high=100)
 
 
-def _level(kind: str, **sizes: Size) -> SizedFamily:
-    """A family of `saltus.terrain.law`."""
+def _level(kind: str, **sizes: FamilySize) -> SizedFamily:
+    """A family of `saltus.terrain.course_law`."""
     return SizedFamily(make=partial(level.make, kind), sizes=sizes, is_drawn=kind == "irregular")
 
 
@@ -117,23 +117,25 @@ FAMILIES: dict[str, SizedFamily] = {
     "stairs": _level(
         "stairs",
         steps=_count(14),
-        rise_m=Size(default=0.20, low=0.0, high=0.375, base=0.05, slope=0.25),
+        rise_m=FamilySize(default=0.20, low=0.0, high=0.375, base=0.05, slope=0.25),
         run_m=_RUN,
     ),
     "stepping_stones": replace(
         _level(
             "stepping_stones",
             steps=_count(8),
-            stone_m=Size(default=0.5, low=0.1, high=2.0),
-            gap_m=Size(default=0.3, low=0.0, high=0.75, base=0.0, slope=0.6),
+            stone_m=FamilySize(default=0.5, low=0.1, high=2.0),
+            gap_m=FamilySize(default=0.3, low=0.0, high=0.75, base=0.0, slope=0.6),
         ),
-        greatest={"gap_max_m": Size(default=0.5, low=0.0, high=0.75)},
+        greatest={"gap_max_m": FamilySize(default=0.5, low=0.0, high=0.75)},
     ),
-    "step": _level("step", height_m=Size(default=0.60, low=0.0, high=1.0, base=0.0, slope=0.8)),
+    "step": _level(
+        "step", height_m=FamilySize(default=0.60, low=0.0, high=1.0, base=0.0, slope=0.8)
+    ),
     "gap": _level("gap", gap_m=_GAP),
     "stairs_down": _level("stairs_down", steps=_count(14), rise_m=_RISE, run_m=_RUN),
     "step_down": _level(
-        "step_down", height_m=Size(default=0.60, low=0.0, high=1.0, base=0.0, slope=0.8)
+        "step_down", height_m=FamilySize(default=0.60, low=0.0, high=1.0, base=0.0, slope=0.8)
     ),
     "pyramid": _level("pyramid", steps=_count(5), rise_m=_RISE, run_m=replace(_RUN, default=0.3)),
     "irregular": _level(
@@ -142,8 +144,8 @@ FAMILIES: dict[str, SizedFamily] = {
     "hurdles": _level(
         "hurdles",
         steps=_count(3),
-        height_m=Size(default=0.20, low=0.0, high=0.375, base=0.0, slope=0.30),
-        run_m=Size(default=1.5, low=0.1, high=5.0),
+        height_m=FamilySize(default=0.20, low=0.0, high=0.375, base=0.0, slope=0.30),
+        run_m=FamilySize(default=1.5, low=0.1, high=5.0),
     ),
     "ditch": replace(
         _level("ditch", gap_m=replace(_GAP, default=0.5), depth_m=_DEPTH),
@@ -152,11 +154,11 @@ FAMILIES: dict[str, SizedFamily] = {
     "ramp_up": SizedFamily(make=partial(ramp.make, "ramp_up"), sizes=_RAMP),
     "ramp_down": SizedFamily(make=partial(ramp.make, "ramp_down"), sizes=_RAMP),
 }
-"""Those that Saltus brings; installed packages add theirs (`saltus.terrain.own`)."""
+"""Those that Saltus brings; installed packages add theirs (`saltus.terrain.own_families`)."""
 SCENERY: dict[str, SizedFamily] = {
     "clutter": SizedFamily(
         make=clutter.make,
-        sizes={"height_m": Size(default=0.5, low=0.06, high=1.5, base=0.1, slope=1.1)},
+        sizes={"height_m": FamilySize(default=0.5, low=0.06, high=1.5, base=0.1, slope=1.1)},
         is_drawn=True,
     )
 }

@@ -3,7 +3,7 @@
 import numpy as np
 
 from saltus.errors import ConfigError
-from saltus.terrain.law import KINDS, between, shape
+from saltus.terrain.course_law import KINDS, between, shape
 from saltus.terrain.terrain import (
     FINISH_AFTER_COURSE,
     FINISH_AFTER_SINGLE,
@@ -20,7 +20,7 @@ and ground."""
 
 
 def make(kind: str, rng: np.random.Generator | None = None, **sizes: float) -> Terrain:
-    """A course of a kind of `saltus.terrain.law`, of any but flat ground.
+    """A course of a kind of `saltus.terrain.course_law`, of any but flat ground.
 
     Args:
         kind: Its name.

@@ -11,7 +11,7 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from saltus.arrays import Array, Floats
-from saltus.config import Value, from_table, read_toml
+from saltus.config import TomlValue, from_table, read_toml
 from saltus.errors import ConfigError
 from saltus.terrain.boxes import Box, Boxes, Point
 from saltus.terrain.columns import Columns
@@ -38,7 +38,7 @@ _DIGITS = 9  # edges that differ by less than a nanometre are one
 
 
 @dataclass(frozen=True, kw_only=True)
-class Terrain(Value):
+class Terrain(TomlValue):
     """Boxes in the world frame, in which z = 0 is the ground at the start, at x = `start_x`.
 
     Raises:

@@ -6,10 +6,10 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.constants import FORCE_M_PER_N, LOADED_N
-from saltus.sim.shapes import RobotShapes, terrain_edges, terrain_tops, terrain_walls
+from saltus.sim.visual_shapes import RobotShapes, terrain_edges, terrain_tops, terrain_walls
 from saltus.watch.pictures import PREDICTED, TRUE, UNTRUSTED
-from saltus.watch.scene import HeightsInWorld, Scene, World
-from saltus.watch.server import Server
+from saltus.watch.scene import HeightsInWorld, Scene, SceneWorld
+from saltus.watch.server import PageServer
 from saltus.wire.messages import HeightmapStatus
 
 Rgb = tuple[int, int, int]
@@ -38,7 +38,7 @@ class Drawing:
         aside: Where its y = 0 lies [m].
     """
 
-    def __init__(self, server: Server, number: int, world: World, aside: float) -> None:
+    def __init__(self, server: PageServer, number: int, world: SceneWorld, aside: float) -> None:
         scene = server.scene
         self._aside = aside
         self._root = scene.add_frame(f"/run{number}", show_axes=False)
@@ -167,7 +167,7 @@ def _draw(lines: viser.LineSegmentsHandle, heights: HeightsInWorld) -> None:
     lines.points = _net(heights.predicted + 2.0 * LIFT, heights.shape)
 
 
-def aside(worlds: list[World]) -> list[float]:
+def aside(worlds: list[SceneWorld]) -> list[float]:
     """Where the y = 0 of each run lies, so that their grounds lie beside each other [m]."""
     places: list[float] = []
     edge = 0.0

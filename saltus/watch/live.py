@@ -10,9 +10,9 @@ from pathlib import Path
 
 from saltus.clock import RunClock
 from saltus.errors import MessageError
-from saltus.recordings.recording import Arrival
+from saltus.recordings.recording import RecordedMessage
 from saltus.runtime.run_folder import read_run
-from saltus.watch.scene import LOOK_BACK_NS, Scene, SceneMaker, World
+from saltus.watch.scene import LOOK_BACK_NS, Scene, SceneMaker, SceneWorld
 from saltus.wire.bus import RawSample, Stream, topic_of, unpack
 from saltus.wire.codec import Envelope
 from saltus.wire.messages import OPERATOR, Event
@@ -115,7 +115,7 @@ class LiveRun:
         config = replace(run.config, prefix=prefix or run.config.prefix)
         kind = run.setup.terrain.kind.replace("_", " ")
         title, setup = f"{kind}, seed {config.seed}", run.setup
-        self.world = World(
+        self.world = SceneWorld(
             title=title,
             config=config,
             robot=setup.robot,
@@ -124,7 +124,7 @@ class LiveRun:
         )
         self._clock = RunClock.of(config)
         self._maker = SceneMaker(self.world)
-        self._arrivals: deque[Arrival] = deque()
+        self._arrivals: deque[RecordedMessage] = deque()
         self._events: deque[Event] = deque(maxlen=EVENTS_KEPT)
         self._simulated_ns = 0
         self._bus = ZenohBus(endpoint, config.prefix)
@@ -166,7 +166,7 @@ class LiveRun:
             Event(time_ns=self._now_ns(), process=OPERATOR, code=code, detail=detail)
         )
 
-    def _arrival(self, raw: RawSample) -> Arrival | None:
+    def _arrival(self, raw: RawSample) -> RecordedMessage | None:
         topic = topic_of(raw.key)
         if topic is None:
             return None
@@ -187,4 +187,4 @@ class LiveRun:
             arrival_ns = self._simulated_ns
         else:
             arrival_ns = self._clock.of_monotonic(raw.arrival_ns)
-        return Arrival(arrival_ns, raw.key, envelope, raw.payload)
+        return RecordedMessage(arrival_ns, raw.key, envelope, raw.payload)

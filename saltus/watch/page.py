@@ -16,8 +16,8 @@ from saltus.config import TerrainConfig
 from saltus.terrain.curriculum import FAMILIES
 from saltus.watch.drawing import SKY, Drawing, aside
 from saltus.watch.panel import GREY, Panel
-from saltus.watch.scene import Scene, World
-from saltus.watch.server import Server
+from saltus.watch.scene import Scene, SceneWorld
+from saltus.watch.server import PageServer
 
 LEFT_PX, RIGHT_PX = 300, 400
 CAMERA_AT, CAMERA_LOOKS_AT = (-0.8, -1.5, 0.6), (0.2, 0.0, -0.05)
@@ -64,7 +64,7 @@ class Ask:
 class Page:
     """The page in a browser: what it shows and what is pressed in it."""
 
-    def __init__(self, server: Server) -> None:
+    def __init__(self, server: PageServer) -> None:
         self.server = server
         self.pressed: queue.SimpleQueue[Start | Ask] = queue.SimpleQueue()
         """Filled by viser's threads."""
@@ -90,7 +90,7 @@ class Page:
         """True where the picture goes with the robot."""
         return bool(self._follow.value)
 
-    def arrange(self, worlds: list[World], duration_s: float, *, may_ask: bool) -> None:
+    def arrange(self, worlds: list[SceneWorld], duration_s: float, *, may_ask: bool) -> None:
         """Makes room for other runs: their grounds, their panels,
         the time line of recordings, fitting buttons.
         """

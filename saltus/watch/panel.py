@@ -5,10 +5,10 @@ import numpy as np
 from viser import uplot
 
 from saltus.depth import RANGE_M
-from saltus.reports.templates import data_url, template_beside
+from saltus.reports.page_templates import data_url, template_beside
 from saltus.watch.pictures import NEAR_M, PALETTE, PLOTTED_M, curves, picture
-from saltus.watch.scene import SILENT, Scene, World
-from saltus.watch.server import Server
+from saltus.watch.scene import SILENT, Scene, SceneWorld
+from saltus.watch.server import PageServer
 from saltus.wire.messages import DepthFrame, HeightmapStatus
 
 IMAGE_HEIGHT = 180  # [px]
@@ -20,7 +20,7 @@ COLOUR = {"ok": GOOD, "degraded": FAIR, "invalid": BAD, "future": BAD, SILENT: B
 class Panel:
     """The panel of one run, in the container of the page that is open."""
 
-    def __init__(self, server: Server, world: World) -> None:
+    def __init__(self, server: PageServer, world: SceneWorld) -> None:
         gui = server.gui
         self._head = gui.add_html(_html("title", world))
         self._depth = gui.add_html("")

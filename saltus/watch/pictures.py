@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.depth import RANGE_M
-from saltus.watch.scene import HeightsInWorld, Scene, World
+from saltus.watch.scene import HeightsInWorld, Scene, SceneWorld
 from saltus.wire.messages import DepthFrame, HeightmapStatus
 
-Picture = NDArray[np.uint8]
+RgbPicture = NDArray[np.uint8]
 
 NEAR_M = 0.2  # what is nearer has the same colour; a D435i sees nothing there
 NOTHING_COLOUR, INVALID_COLOUR = (110, 110, 110), (0, 0, 0)
@@ -68,7 +68,7 @@ def curves(heights: HeightsInWorld, scene: Scene) -> tuple[NDArray[np.float64], 
     )
 
 
-def video_panel(world: World, scene: Scene) -> Picture:
+def video_panel(world: SceneWorld, scene: Scene) -> RgbPicture:
     """Time and speed, the depth image and the heights of a scene, for a video.
 
     Shape (720, 416, 3), RGB.
@@ -92,7 +92,7 @@ def video_panel(world: World, scene: Scene) -> Picture:
     return page
 
 
-def _draw_depth(page: Picture, frame: DepthFrame, now_s: float) -> None:
+def _draw_depth(page: RgbPicture, frame: DepthFrame, now_s: float) -> None:
     left, top, width, height = DEPTH_BOX
     rows, columns = frame.depth.shape
     scale = min(width / columns, height / rows)
@@ -117,7 +117,7 @@ def _draw_depth(page: Picture, frame: DepthFrame, now_s: float) -> None:
         _write(page, text, (bar + 70, top + 14 + 22 * row), 0.45)
 
 
-def _draw_heights(page: Picture, scene: Scene) -> None:
+def _draw_heights(page: RgbPicture, scene: Scene) -> None:
     left, top, width, height = PLOT_BOX
     heights = scene.heights
 
@@ -161,7 +161,7 @@ def _draw_heights(page: Picture, scene: Scene) -> None:
 
 
 def _write(
-    page: Picture,
+    page: RgbPicture,
     text: str,
     place: tuple[int, int],
     size: float,

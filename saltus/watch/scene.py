@@ -15,11 +15,11 @@ from saltus.config import PLAN_TOPICS, RunConfig
 from saltus.depth_camera import DepthCamera
 from saltus.errors import MessageError
 from saltus.footholds import Footholds
-from saltus.recordings.recording import Arrival
+from saltus.recordings.recording import RecordedMessage
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.rotations import rotation_matrix, yaw_rotation
-from saltus.runtime.ticker import freshness
+from saltus.runtime.ticker import staleness_of
 from saltus.terrain.terrain import Terrain
 from saltus.wire import codec
 from saltus.wire.messages import (
@@ -38,7 +38,7 @@ from saltus.wire.messages import (
 )
 from saltus.wire.topics import CAMERA_LATENCY_S, TOPICS, depth_topic
 
-Kind = TypeVar("Kind", bound=Message)
+MessageT = TypeVar("MessageT", bound=Message)
 
 LOOK_BACK_NS = 1_500_000_000
 """How far back messages are looked at: a topic that has said nothing for so long is silent."""
@@ -50,7 +50,7 @@ SILENT = "silent"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class World:
+class SceneWorld:
     """Parts of a scene that stay the same in a run."""
 
     title: str
@@ -124,7 +124,7 @@ class Scene:
 class SceneMaker:
     """Makes scenes of one run."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: SceneWorld) -> None:
         self.world = world
         self._legs = LegKinematics(world.robot)
         self._footholds = Footholds(world.robot)
@@ -135,7 +135,9 @@ class SceneMaker:
         for unused in set(PLAN_TOPICS) - set(world.config.plan_topics):
             del self._topics[unused]
 
-    def make(self, arrivals: Iterable[Arrival], now_ns: int, events: tuple[Event, ...]) -> Scene:
+    def make(
+        self, arrivals: Iterable[RecordedMessage], now_ns: int, events: tuple[Event, ...]
+    ) -> Scene:
         """The scene at `now_ns`, from what came in within `LOOK_BACK_NS`,
         in order, and from all events.
         """
@@ -181,7 +183,7 @@ class SceneMaker:
         )
 
     def _rows(
-        self, newest: dict[str, Arrival], rates: Counter[str], now_ns: int
+        self, newest: dict[str, RecordedMessage], rates: Counter[str], now_ns: int
     ) -> Iterable[TopicRow]:
         for topic in self._topics.values():
             keys = [key for key in newest if key == topic.name or key.startswith(f"{topic.name}/")]
@@ -197,7 +199,7 @@ class SceneMaker:
                     name=key,
                     rate_hz=rates[key] * 1e9 / RATE_OVER_NS,
                     age_ms=1e-6 * (now_ns - capture_ns),
-                    status=freshness(topic, capture_ns, now_ns).value,
+                    status=staleness_of(topic, capture_ns, now_ns).value,
                 )
 
     def _planned_feet(
@@ -215,7 +217,7 @@ class SceneMaker:
         )
 
 
-def _newest(kind: type[Kind], newest: dict[str, Arrival], key: str) -> Kind | None:
+def _newest(kind: type[MessageT], newest: dict[str, RecordedMessage], key: str) -> MessageT | None:
     """The newest message of a key; None where there is none, or it is malformed."""
     row = newest.get(key)
     try:
@@ -253,7 +255,7 @@ def _same_points(truth: GroundTruth, heightmap: Heightmap) -> bool:
 
 
 def _heights(
-    heightmap: Heightmap, truths: dict[int, Arrival], pose: Floats | None
+    heightmap: Heightmap, truths: dict[int, RecordedMessage], pose: Floats | None
 ) -> HeightsInWorld | None:
     """A heightmap is relative to where the base was when it was true."""
     row = truths.get(heightmap.time_ns)

@@ -27,10 +27,10 @@ HARDENING = {
 }
 """Other pages never learn the address, and cannot frame the buttons."""
 
-Answer = Callable[[object, Request], Response | None]
+HttpHandler = Callable[[object, Request], Response | None]
 
 
-class Server(viser.ViserServer):
+class PageServer(viser.ViserServer):
     """viser's server, at `address`."""
 
     def __init__(self, port: int) -> None:
@@ -64,7 +64,7 @@ def _guarded(token: str) -> Iterator[list[bool]]:
     opened: list[bool] = []
     serve = websocket_server.serve
 
-    def guarded(*arguments: Any, process_request: Answer, **options: Any) -> Any:
+    def guarded(*arguments: Any, process_request: HttpHandler, **options: Any) -> Any:
         opened.append(True)
         return serve(*arguments, process_request=_asking(token, process_request), **options)
 
@@ -75,7 +75,7 @@ def _guarded(token: str) -> Iterator[list[bool]]:
         websocket_server.serve = serve  # type: ignore[misc]
 
 
-def _asking(token: str, answer: Answer) -> Answer:
+def _asking(token: str, answer: HttpHandler) -> HttpHandler:
     """Answers requests, of pages and of websockets, whose path begins with the token."""
 
     def asking(connection: object, request: Request) -> Response | None:

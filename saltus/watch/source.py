@@ -10,7 +10,7 @@ from saltus.recordings.recorder import RECORDING_FILE
 from saltus.recordings.recording import Recording, read_recording
 from saltus.runtime.run_folder import CLIENT_FILE
 from saltus.watch.live import LiveRun
-from saltus.watch.scene import LOOK_BACK_NS, Scene, SceneMaker, World
+from saltus.watch.scene import LOOK_BACK_NS, Scene, SceneMaker, SceneWorld
 from saltus.wire import messages
 from saltus.wire.joining import LOCAL, read_client
 from saltus.wire.topics import TOPICS
@@ -44,7 +44,7 @@ class RecordedRun:
         self._start_ns, end_ns = recording.span_ns
         self.duration_s = 1e-9 * (end_ns - self._start_ns)
         """From the first message to the last [s]."""
-        self.world = World(
+        self.world = SceneWorld(
             title=_title(recording),
             config=recording.known_config,
             robot=recording.robot,
@@ -76,7 +76,7 @@ def _title(recording: Recording) -> str:
     return f"{recording.terrain.kind.replace('_', ' ')}{seed}"
 
 
-class Source:
+class SceneSource:
     """Scenes of one robot.
 
     Args:
@@ -97,7 +97,7 @@ class Source:
             self.recorded = RecordedRun(path)
 
     @property
-    def world(self) -> World | None:
+    def world(self) -> SceneWorld | None:
         """World of the run, which stays the same; None before it has begun."""
         run = self.live or self.recorded
         return None if run is None else run.world

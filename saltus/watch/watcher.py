@@ -11,7 +11,7 @@ from pathlib import Path
 from saltus.folders import new_folder
 from saltus.watch.page import Ask, Page, Start
 from saltus.watch.panel import BAD
-from saltus.watch.source import Source
+from saltus.watch.source import SceneSource
 from saltus.wire.sharing import PERIOD_S
 
 DRAWN_HZ = 1.0 / PERIOD_S  # a picture of each batch
@@ -27,7 +27,9 @@ class Watcher:
     A run that is started on it, by a thread of `starters`, takes their place.
     """
 
-    def __init__(self, page: Page, sources: list[Source], starters: ThreadPoolExecutor) -> None:
+    def __init__(
+        self, page: Page, sources: list[SceneSource], starters: ThreadPoolExecutor
+    ) -> None:
         self._page = page
         self._sources = sources
         self._starters = starters
@@ -148,5 +150,5 @@ class Watcher:
                 ],
                 stdout=subprocess.DEVNULL, stderr=errors, start_new_session=True,
             ).result()  # fmt: skip
-        self._sources = [Source(self._folder)]
+        self._sources = [SceneSource(self._folder)]
         self._arrange()

@@ -2,7 +2,7 @@
 
 Nothing that arrives can raise. What is refused is counted in `Bus.rejected["topic/reason"]`, in
 this order of checks: size, envelope, payload, capture time, order. Whether a message is fresh
-enough is for its consumer to judge (`saltus.runtime.ticker.freshness`), since only the consumer
+enough is for its consumer to judge (`saltus.runtime.ticker.staleness_of`), since only the consumer
 knows the time at which it is used.
 """
 
@@ -146,7 +146,7 @@ class Stream:
 
 
 @dataclass(frozen=True)
-class Intake:
+class ArrivalCounts:
     """Counts of what came on a key over a while."""
 
     topic: Topic
@@ -188,11 +188,11 @@ class Latest:
             return float("inf")
         return 1e-9 * (time.monotonic_ns() - self.last_arrival_ns)
 
-    def take_intake(self) -> Intake:
+    def take_intake(self) -> ArrivalCounts:
         """Intake since the last call."""
         now_ns = time.monotonic_ns()
         last_ns = max(self._counted_from_ns, self.last_arrival_ns or 0)
-        intake = Intake(self.topic, self._received, max(self._silence_ns, now_ns - last_ns))
+        intake = ArrivalCounts(self.topic, self._received, max(self._silence_ns, now_ns - last_ns))
         self._received, self._silence_ns, self._counted_from_ns = 0, 0, now_ns
         return intake
 

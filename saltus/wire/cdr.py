@@ -8,7 +8,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from saltus.errors import MessageError
 from saltus.wire import schemas
-from saltus.wire.ros_types import Header, Stamp
+from saltus.wire.ros_types import RosHeader, RosTime
 from saltus.wire.schemas import TYPE_NAME
 
 TIME_MIN_NS = -(10**9)
@@ -27,8 +27,8 @@ FORMER = {
 for _kind, _names in FORMER.items():
     for _name, _definition in zip(_names, schemas.FORMER[_kind], strict=True):
         STORE.register(get_types_from_msg(_definition, _name))
-_HEADER: Callable[..., Header] = STORE.types["std_msgs/msg/Header"]
-_TIME: Callable[..., Stamp] = STORE.types["builtin_interfaces/msg/Time"]
+_HEADER: Callable[..., RosHeader] = STORE.types["std_msgs/msg/Header"]
+_TIME: Callable[..., RosTime] = STORE.types["builtin_interfaces/msg/Time"]
 
 
 def definition_of(type_name: str) -> str:
@@ -36,12 +36,12 @@ def definition_of(type_name: str) -> str:
     return STORE.generate_msgdef(type_name, ros_version=2)[0]
 
 
-def stamp(time_ns: int) -> Stamp:
+def stamp(time_ns: int) -> RosTime:
     """A `builtin_interfaces/msg/Time`."""
     return _TIME(*divmod(time_ns, _NANO))
 
 
-def header(time_ns: int, frame: str) -> Header:
+def header(time_ns: int, frame: str) -> RosHeader:
     """A `std_msgs/msg/Header`."""
     return _HEADER(stamp(time_ns), frame)
 
@@ -57,7 +57,7 @@ def parse(type_name: str, data: bytes) -> Any:
     return wire
 
 
-def time_of(wire_time: Stamp) -> int:
+def time_of(wire_time: RosTime) -> int:
     """Nanoseconds of a `builtin_interfaces/msg/Time`; `MessageError` where it is not plausible."""
     time_ns = wire_time.sec * _NANO + wire_time.nanosec
     if wire_time.nanosec >= _NANO or not TIME_MIN_NS <= time_ns <= TIME_MAX_NS:

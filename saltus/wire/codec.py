@@ -4,8 +4,8 @@
 else, whatever the bytes. The envelope is the attachment of rmw_zenoh: sequence, capture time and
 the identity of the sender.
 
-Kinds that come many times a second are read and written by templates (`saltus.wire.templates`); the
-codecs here are their reference.
+Kinds that come many times a second are read and written by templates
+(`saltus.wire.message_templates`); the codecs here are their reference.
 """
 
 import struct
@@ -33,10 +33,10 @@ from saltus.wire.cdr import (
     time_of,
 )
 from saltus.wire.depth_codec import DEPTH_FIXED, DEPTH_HOLES, decode_depth, depth_on_the_wire
+from saltus.wire.message_templates import TemplateBounds, Templates
 from saltus.wire.messages import DepthFrame, Event, Message, ProcessStatus
 from saltus.wire.schemas import FIELDS, TYPE_NAME
 from saltus.wire.table_codec import NORM_SQUARED, TableCodec
-from saltus.wire.templates import Limits, Templates
 
 M = TypeVar("M", bound=Message)
 
@@ -154,9 +154,9 @@ def of_today(kind: type[Message], former: int, data: bytes) -> bytes:
         raise MessageError("malformed", f"{kind.__name__}: {error}") from error
 
 
-def _encode_event(message: Event) -> ros_types.Stamped:
+def _encode_event(message: Event) -> ros_types.StampedRosMessage:
     text = message.detail[: schemas.TEXT_MAX]
-    wire_type: Callable[..., ros_types.Stamped] = STORE.types[schemas.EVENT_TYPE]
+    wire_type: Callable[..., ros_types.StampedRosMessage] = STORE.types[schemas.EVENT_TYPE]
     return wire_type(stamp(message.time_ns), LOG_INFO, message.process, text, "", message.code, 0)
 
 
@@ -169,9 +169,9 @@ def _decode_event(wire: Any) -> Event:
     return Event(time_ns=time_of(wire.stamp), process=process, code=code, detail=detail)
 
 
-def _encode_status(message: ProcessStatus) -> ros_types.Stamped:
+def _encode_status(message: ProcessStatus) -> ros_types.StampedRosMessage:
     names, topics = list(message.rejected), list(message.received)
-    wire_type: Callable[..., ros_types.Stamped] = STORE.types[schemas.STATUS_TYPE]
+    wire_type: Callable[..., ros_types.StampedRosMessage] = STORE.types[schemas.STATUS_TYPE]
     return wire_type(
         header(message.time_ns, schemas.FRAME[ProcessStatus]),
         message.process,
@@ -208,7 +208,7 @@ def _counts(name: str, keys: Sequence[str], counts: Indices) -> dict[str, int]:
 
 
 _TABLES = {kind: TableCodec(kind) for kind in FIELDS}
-_ENCODERS: dict[type[Message], Callable[[Any], ros_types.Stamped]] = {
+_ENCODERS: dict[type[Message], Callable[[Any], ros_types.StampedRosMessage]] = {
     **{kind: table.encode for kind, table in _TABLES.items()},
     DepthFrame: depth_on_the_wire,
     Event: _encode_event,
@@ -220,7 +220,7 @@ _DECODERS: dict[type, Callable[[Any], Message]] = {
     Event: _decode_event,
     ProcessStatus: _decode_status,
 }
-_LIMITS = Limits(time_ns=(TIME_MIN_NS, TIME_MAX_NS), norm_squared=NORM_SQUARED)
+_LIMITS = TemplateBounds(time_ns=(TIME_MIN_NS, TIME_MAX_NS), norm_squared=NORM_SQUARED)
 _TEMPLATES: dict[type, Templates] = {
     kind: Templates(holes, fixed, reference_bytes, partial(reference_message, kind), _LIMITS)
     for kind, holes, fixed in (

@@ -13,9 +13,9 @@ from saltus.arrays import AnyArray, Floats
 from saltus.errors import MessageError
 from saltus.wire import schemas
 from saltus.wire.cdr import STORE, check_bounded, header, time_of
+from saltus.wire.message_templates import TemplateHole
 from saltus.wire.messages import DepthFrame
-from saltus.wire.ros_types import CameraInfo, RawImage, Region, Stamped
-from saltus.wire.templates import Hole
+from saltus.wire.ros_types import RosCameraInfo, RosImage, RosRegionOfInterest, StampedRosMessage
 
 WIDTH_MAX, HEIGHT_MAX = 1280, 720  # D435i datasheet: the largest depth image
 DEPTH_UNIT_MAX_M = 0.1
@@ -24,21 +24,21 @@ FOCAL_MIN_PX, FOCAL_MAX_PX = 1.0, 3400.0
 across."""
 CENTRE_MAX_PX = 1e5
 ENCODING = "16UC1"
-_IMAGE: Callable[..., RawImage] = STORE.types["sensor_msgs/msg/Image"]
-_CAMERA_INFO: Callable[..., CameraInfo] = STORE.types["sensor_msgs/msg/CameraInfo"]
-_REGION: Callable[..., Region] = STORE.types["sensor_msgs/msg/RegionOfInterest"]
+_IMAGE: Callable[..., RosImage] = STORE.types["sensor_msgs/msg/Image"]
+_CAMERA_INFO: Callable[..., RosCameraInfo] = STORE.types["sensor_msgs/msg/CameraInfo"]
+_REGION: Callable[..., RosRegionOfInterest] = STORE.types["sensor_msgs/msg/RegionOfInterest"]
 
 
-class Lens(CameraInfo, Protocol):
+class Lens(RosCameraInfo, Protocol):
     """The calibration as ROS 2 names it."""
 
     k: Floats
 
 
-class DepthOnTheWire(Stamped, Protocol):
+class DepthOnTheWire(StampedRosMessage, Protocol):
     """A depth image as it travels."""
 
-    image: RawImage
+    image: RosImage
     camera_info: Lens
     depth_unit_m: float
     frame_id: int
@@ -51,8 +51,8 @@ def _pixels_of(depth: AnyArray) -> NDArray[np.uint16]:
 
 
 DEPTH_HOLES = (
-    Hole("frame_id", "i8", False, False, int, 0, schemas.INDEX_MAX),
-    Hole("depth", "u2", True, True, _pixels_of),
+    TemplateHole("frame_id", "i8", False, False, int, 0, schemas.INDEX_MAX),
+    TemplateHole("depth", "u2", True, True, _pixels_of),
 )
 """Fields that change from image to image."""
 DEPTH_FIXED = ("depth_unit_m", "fx", "fy", "cx", "cy")

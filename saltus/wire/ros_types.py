@@ -14,33 +14,33 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats
 
 
-class Message(Protocol):
+class RosMessage(Protocol):
     """Any message of a `rosbags` type store."""
 
     __msgtype__: ClassVar[str]
 
 
-class Stamp(Protocol):
+class RosTime(Protocol):
     """`builtin_interfaces/msg/Time`."""
 
     sec: int
     nanosec: int
 
 
-class Header(Protocol):
+class RosHeader(Protocol):
     """`std_msgs/msg/Header`."""
 
-    stamp: Stamp
+    stamp: RosTime
     frame_id: str
 
 
-class Stamped(Message, Protocol):
+class StampedRosMessage(RosMessage, Protocol):
     """A message with a header."""
 
-    header: Header
+    header: RosHeader
 
 
-class Vector(Protocol):
+class RosVector(Protocol):
     """`geometry_msgs/msg/Vector3` or `Point`."""
 
     x: float
@@ -48,7 +48,7 @@ class Vector(Protocol):
     z: float
 
 
-class Quaternion(Protocol):
+class RosQuaternion(Protocol):
     """`geometry_msgs/msg/Quaternion`."""
 
     x: float
@@ -57,49 +57,49 @@ class Quaternion(Protocol):
     w: float
 
 
-class Pose(Protocol):
+class RosPose(Protocol):
     """`geometry_msgs/msg/Pose`."""
 
-    position: Vector
-    orientation: Quaternion
+    position: RosVector
+    orientation: RosQuaternion
 
 
-class UncertainPose(Protocol):
+class RosPoseWithCovariance(Protocol):
     """`geometry_msgs/msg/PoseWithCovariance`."""
 
-    pose: Pose
+    pose: RosPose
 
 
-class Twist(Protocol):
+class RosTwist(Protocol):
     """`geometry_msgs/msg/Twist`."""
 
-    linear: Vector
-    angular: Vector
+    linear: RosVector
+    angular: RosVector
 
 
-class UncertainTwist(Protocol):
+class RosTwistWithCovariance(Protocol):
     """`geometry_msgs/msg/TwistWithCovariance`."""
 
-    twist: Twist
+    twist: RosTwist
 
 
-class Odometry(Stamped, Protocol):
+class RosOdometry(StampedRosMessage, Protocol):
     """`nav_msgs/msg/Odometry`."""
 
-    pose: UncertainPose
-    twist: UncertainTwist
+    pose: RosPoseWithCovariance
+    twist: RosTwistWithCovariance
 
 
-class Imu(Stamped, Protocol):
+class RosImu(StampedRosMessage, Protocol):
     """`sensor_msgs/msg/Imu`."""
 
-    orientation: Quaternion
+    orientation: RosQuaternion
     orientation_covariance: Floats
-    angular_velocity: Vector
-    linear_acceleration: Vector
+    angular_velocity: RosVector
+    linear_acceleration: RosVector
 
 
-class JointState(Stamped, Protocol):
+class RosJointState(StampedRosMessage, Protocol):
     """`sensor_msgs/msg/JointState`."""
 
     name: Sequence[str]
@@ -108,7 +108,7 @@ class JointState(Stamped, Protocol):
     effort: Floats
 
 
-class RawImage(Stamped, Protocol):
+class RosImage(StampedRosMessage, Protocol):
     """`sensor_msgs/msg/Image`."""
 
     height: int
@@ -119,17 +119,17 @@ class RawImage(Stamped, Protocol):
     data: NDArray[np.uint8]
 
 
-class CompressedImage(Stamped, Protocol):
+class RosCompressedImage(StampedRosMessage, Protocol):
     """`sensor_msgs/msg/CompressedImage`."""
 
     format: str
     data: NDArray[np.uint8]
 
 
-Image = RawImage | CompressedImage
+AnyRosImage = RosImage | RosCompressedImage
 
 
-class Region(Protocol):
+class RosRegionOfInterest(Protocol):
     """`sensor_msgs/msg/RegionOfInterest`."""
 
     x_offset: int
@@ -138,11 +138,11 @@ class Region(Protocol):
     height: int
 
 
-class CameraInfo(Stamped, Protocol):
+class RosCameraInfo(StampedRosMessage, Protocol):
     """`sensor_msgs/msg/CameraInfo`; its matrices are k and p in ROS 2, K and P in ROS 1."""
 
     height: int
     width: int
     binning_x: int
     binning_y: int
-    roi: Region
+    roi: RosRegionOfInterest

@@ -15,7 +15,7 @@ from saltus.grid import load_grid
 from saltus.wire import messages
 from saltus.wire.messages import Message
 
-Wire = Literal["float64", "int64", "bool", "uint8", "string"]
+WireType = Literal["float64", "int64", "bool", "uint8", "string"]
 
 INDEX_MAX = 2**53  # the largest integer that viewers, which count in doubles, still show exactly
 TEXT_MAX = 2048  # bytes of one string; an event is one line
@@ -32,11 +32,11 @@ STATUS_TYPE = "saltus_msgs/msg/ProcessStatus"
 
 
 @dataclass(frozen=True)
-class Field:
+class MessageField:
     """One field of a message as it travels."""
 
     name: str
-    wire: Wire
+    wire: WireType
     shape: tuple[int, ...] | None = None
     """None for a scalar; (-1,) for any number of values; (-1, n) for any number of rows of n."""
     low: float = -math.inf
@@ -54,23 +54,23 @@ class Field:
         return f"{self.wire}[{count}] {self.name}"
 
 
-def _vector(name: str, size: int, bound: float, low: float | None = None) -> Field:
-    return Field(name, "float64", (size,), -bound if low is None else low, bound)
+def _vector(name: str, size: int, bound: float, low: float | None = None) -> MessageField:
+    return MessageField(name, "float64", (size,), -bound if low is None else low, bound)
 
 
-def _scalar(name: str, low: float, high: float) -> Field:
-    return Field(name, "float64", None, low, high)
+def _scalar(name: str, low: float, high: float) -> MessageField:
+    return MessageField(name, "float64", None, low, high)
 
 
-def _index(name: str, low: int = 0) -> Field:
-    return Field(name, "int64", None, low, INDEX_MAX)
+def _index(name: str, low: int = 0) -> MessageField:
+    return MessageField(name, "int64", None, low, INDEX_MAX)
 
 
-def _rows(name: str, bound: float) -> Field:
-    return Field(name, "float64", (-1, JOINTS), -bound, bound)
+def _rows(name: str, bound: float) -> MessageField:
+    return MessageField(name, "float64", (-1, JOINTS), -bound, bound)
 
 
-def _former(field: Field) -> str:
+def _former(field: MessageField) -> str:
     return (
         replace(field, shape=(FORMER_GRID.size,)).definition
         if field.shape == (ANY,)
@@ -97,7 +97,7 @@ FOOT_RESIDUAL = (
     1.0  # [m]; onto a step of 0.75 m a foot is lifted by 0.8 m from its path on the ground
 )
 
-FIELDS: dict[type[Message], tuple[Field, ...]] = {
+FIELDS: dict[type[Message], tuple[MessageField, ...]] = {
     messages.RobotState: (
         _index("step"),
         _vector("quaternion_base_in_world", 4, QUATERNION),
@@ -108,14 +108,16 @@ FIELDS: dict[type[Message], tuple[Field, ...]] = {
         _vector("joint_torque", JOINTS, TORQUE),
         _vector("velocity_base_in_world", 3, VELOCITY),
         _scalar("base_height", -HEIGHT, HEIGHT),
-        Field("leg_contact", "bool", (LEGS,)),
+        MessageField("leg_contact", "bool", (LEGS,)),
         _vector("leg_progress", LEGS, 1.0 + ROUNDING, low=-ROUNDING),
-        Field("leg_trusted", "bool", (LEGS,)),
+        MessageField("leg_trusted", "bool", (LEGS,)),
         _index("cycle"),
-        Field("mode", "uint8", enum=messages.ControllerMode),
+        MessageField("mode", "uint8", enum=messages.ControllerMode),
         _index("depth_due", low=-1),
-        Field("position_base_in_odometry", "float64", (3,), -POSITION, POSITION, may_lack=True),
-        Field("standing_feet", "float64", (ANY, 3), -HEIGHT, HEIGHT),
+        MessageField(
+            "position_base_in_odometry", "float64", (3,), -POSITION, POSITION, may_lack=True
+        ),
+        MessageField("standing_feet", "float64", (ANY, 3), -HEIGHT, HEIGHT),
     ),
     messages.Heightmap: (
         _index("step"),
@@ -123,38 +125,38 @@ FIELDS: dict[type[Message], tuple[Field, ...]] = {
         _vector("y", ANY, HEIGHT),
         _vector("height", ANY, HEIGHT),
         _vector("half_width_90", ANY, HEIGHT, low=0.0),
-        Field("status", "uint8", enum=messages.HeightmapStatus),
+        MessageField("status", "uint8", enum=messages.HeightmapStatus),
         _scalar("depth_age_s", -1.0, math.inf),
         _index("frame_id", low=-1),
-        Field("model_id", "string"),
+        MessageField("model_id", "string"),
         _scalar("seen_share", -1.0, 1.0),
-        Field("age_s", "float64", (ANY,), 0.0, may_lack=True),
-        Field("dialect", "string"),
-        Field("observation", "float64", (ANY,), -OBSERVATION, OBSERVATION, may_lack=True),
+        MessageField("age_s", "float64", (ANY,), 0.0, may_lack=True),
+        MessageField("dialect", "string"),
+        MessageField("observation", "float64", (ANY,), -OBSERVATION, OBSERVATION, may_lack=True),
     ),
     messages.MotionPlan: (
         _index("step"),
-        Field("status", "uint8", enum=messages.PlanStatus),
+        MessageField("status", "uint8", enum=messages.PlanStatus),
         _scalar("stepping_frequency_hz", 0.0, FREQUENCY),
         _scalar("velocity_x", -PLAN_VELOCITY, PLAN_VELOCITY),
         _scalar("velocity_z", -PLAN_VELOCITY, PLAN_VELOCITY),
         _scalar("pitch_rate", -PLAN_VELOCITY, PLAN_VELOCITY),
         _vector("foot_residual_front", 3, FOOT_RESIDUAL),
         _vector("foot_residual_rear", 3, FOOT_RESIDUAL),
-        Field("reason", "string"),
+        MessageField("reason", "string"),
         _scalar("yaw_rate", -PLAN_VELOCITY, PLAN_VELOCITY),
     ),
     messages.JointPlan: (
         _index("step"),
-        Field("status", "uint8", enum=messages.PlanStatus),
+        MessageField("status", "uint8", enum=messages.PlanStatus),
         _vector("joint_position", JOINTS, ANGLE),
         _vector("kp", JOINTS, GAIN, low=0.0),
         _vector("kd", JOINTS, GAIN, low=0.0),
-        Field("reason", "string"),
+        MessageField("reason", "string"),
     ),
     messages.DriveCommand: (
         _index("step", low=-1),
-        Field("mode", "uint8", enum=messages.CommandMode),
+        MessageField("mode", "uint8", enum=messages.CommandMode),
         _scalar("velocity_x", -PLAN_VELOCITY, PLAN_VELOCITY),
         _scalar("velocity_y", -PLAN_VELOCITY, PLAN_VELOCITY),
         _scalar("yaw_rate", -PLAN_VELOCITY, PLAN_VELOCITY),
@@ -183,7 +185,7 @@ FIELDS: dict[type[Message], tuple[Field, ...]] = {
         _vector("y", ANY, HEIGHT),
         _vector("height", ANY, POSITION),
     ),
-    messages.Done: (_index("step"), Field("process", "string"), _index("frame_id", low=-1)),
+    messages.Done: (_index("step"), MessageField("process", "string"), _index("frame_id", low=-1)),
 }
 """Messages that travel as types of our own: a `std_msgs/Header` with the capture time, then these
 fields."""

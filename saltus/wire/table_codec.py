@@ -14,9 +14,9 @@ from saltus.arrays import AnyArray
 from saltus.errors import MessageError
 from saltus.wire import ros_types, schemas
 from saltus.wire.cdr import STORE, check_bounded, checked_text, header, time_of
+from saltus.wire.message_templates import TemplateHole
 from saltus.wire.messages import Message
-from saltus.wire.schemas import FIELDS, TYPE_NAME, Field
-from saltus.wire.templates import Hole
+from saltus.wire.schemas import FIELDS, TYPE_NAME, MessageField
 
 NORM_SQUARED = (0.99, 1.02)  # of a quaternion: drift of a float32 IMU is far below
 _DTYPES = {"float64": "f8", "int64": "i8", "bool": "b1"}
@@ -34,7 +34,7 @@ class TableCodec:
 
     def __init__(self, kind: type[Message]) -> None:
         self.kind = kind
-        self.wire_type: Callable[..., ros_types.Stamped] = STORE.types[TYPE_NAME[kind]]
+        self.wire_type: Callable[..., ros_types.StampedRosMessage] = STORE.types[TYPE_NAME[kind]]
         self.frame = schemas.FRAME[kind]
         self.fields = FIELDS[kind]
         self.values_of = attrgetter(*(f.name for f in self.fields))
@@ -52,10 +52,10 @@ class TableCodec:
         )
 
     @property
-    def holes(self) -> tuple[Hole, ...]:
+    def holes(self) -> tuple[TemplateHole, ...]:
         """Fields that change from message to message."""
         return tuple(
-            Hole(
+            TemplateHole(
                 name=f.name,
                 dtype=_DTYPES[f.wire],
                 is_array=f.shape is not None,
@@ -86,7 +86,7 @@ class TableCodec:
             np.ravel(known.default_factory()) if callable(known.default_factory) else known.default
         )
 
-    def encode(self, message: Message) -> ros_types.Stamped:
+    def encode(self, message: Message) -> ros_types.StampedRosMessage:
         """A message as it travels; `MessageError` where a field has another shape."""
         values = [
             write(value) for write, value in zip(self.writers, self.values_of(message), strict=True)
@@ -95,7 +95,7 @@ class TableCodec:
             self._check_points([values[i] for i in self.array_places])
         return self.wire_type(header(message.time_ns, self.frame), *values)
 
-    def decode(self, wire: ros_types.Stamped) -> Message:
+    def decode(self, wire: ros_types.StampedRosMessage) -> Message:
         """The message of what travels; `MessageError` where it is not plausible."""
         values: dict[str, Any] = {"time_ns": time_of(wire.header.stamp)}
         for field, value in zip(self.fields, self.values_of(wire), strict=True):
@@ -171,7 +171,7 @@ class TableCodec:
             )
 
 
-def writer_of(field: Field) -> Callable[[Any], Any]:
+def writer_of(field: MessageField) -> Callable[[Any], Any]:
     """Turns a value of a message into what is serialised."""
     if field.shape is None:
         return _SCALARS[field.wire]
@@ -191,7 +191,7 @@ def writer_of(field: Field) -> Callable[[Any], Any]:
     return write
 
 
-def _from_wire(field: Field, value: Any) -> Any:
+def _from_wire(field: MessageField, value: Any) -> Any:
     if field.shape is not None:
         if field.wire == "bool" and max(value.tobytes()) > 1:
             raise MessageError("range", f"{field.name} is neither true nor false")
@@ -223,7 +223,7 @@ def _check_rows(arrays: list[AnyArray]) -> None:
         raise MessageError("shape", f"numbers of rows: {sorted(rows)}")
 
 
-def _check_values(field: Field, array: AnyArray) -> None:
+def _check_values(field: MessageField, array: AnyArray) -> None:
     if not array.size:
         return
     if not (np.isfinite(array) | (array == field.high)).all():

@@ -15,7 +15,7 @@ from saltus.cli.main import main
 from saltus.cli.output import print_figures
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import write_shard
-from saltus.heightmap.service.features import PROPRIOCEPTION
+from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 
 FOLDER = checkout.SOURCE / "benchmarks"
 NAMES = sorted(

@@ -39,9 +39,9 @@ from benchmarks.depth_to_heights.split import (
     truth_digest,
 )
 from saltus.cli.main import main
-from saltus.heightmap.evaluation.held_out import Prediction
+from saltus.heightmap.evaluation.held_out import HeldOutPrediction
 from saltus.heightmap.evaluation.visibility import VIEWS
-from saltus.heightmap.service.features import PROPRIOCEPTION
+from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 from saltus.loop.loop import STAND_STEPS
 
 LENGTHS = (130, 160, 145)
@@ -94,16 +94,16 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def said(shift_m: float = 0.0, half_width_m: float = 0.001) -> list[Prediction]:
+def said(shift_m: float = 0.0, half_width_m: float = 0.001) -> list[HeldOutPrediction]:
     """The truth, and so much more."""
     heights = [truth.height + shift_m for truth in TRUTHS]
     return [
-        Prediction(height=height, half_width_90=np.full_like(height, half_width_m))
+        HeldOutPrediction(height=height, half_width_90=np.full_like(height, half_width_m))
         for height in heights
     ]
 
 
-def scored(predictions: list[Prediction]) -> ScoreRow:
+def scored(predictions: list[HeldOutPrediction]) -> ScoreRow:
     return row("mine", TRUTHS, predictions)
 
 
@@ -163,7 +163,7 @@ def test_intervals_hold_the_mean_of_runs_as_often_as_they_say() -> None:
         found = row(
             "mine",
             truths,
-            [Prediction(height=np.full((steps, 30), e), half_width_90=wide) for e in errors],
+            [HeldOutPrediction(height=np.full((steps, 30), e), half_width_90=wide) for e in errors],
         )
         low, high = found.interval90["mae_m"]
         assert low < found.figures["mae_m"] < high

@@ -16,7 +16,7 @@ from saltus.effects.chain import BodyChain
 from saltus.policy.evaluation.evaluate import courses_of
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
-from saltus.sim import scene
+from saltus.sim import robot_model
 from saltus.sim.plant import Plant
 from saltus.terrain.curriculum import FAMILIES
 from saltus.terrain.terrain import checked
@@ -71,7 +71,7 @@ def test_soft_feet_resist_torsion_and_rolling() -> None:
     (terrain,) = courses_of(ROWS["stairs 0.20"].course, (0,))
     body = BodyChain(ROWS["stairs 0.20, soft feet"].effects)
     model = Plant(load_robot(DEFAULT_ROBOT), terrain, friction=0.7, body=body).model
-    own = model.geom_group == scene.ROBOT_GROUP
+    own = model.geom_group == robot_model.ROBOT_GROUP
     assert set(model.geom_condim[own]) == {6}
     np.testing.assert_allclose(
         model.geom_friction[own], np.tile([0.7, 0.02, 0.01], (own.sum(), 1)), atol=2e-5

@@ -15,7 +15,7 @@ from benchmarks.heights import Benchmark, desk_rows, table
 from saltus.depth import MODEL_CAMERA, depth_frame
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.evaluation.distance_travelled import DistanceTravelled
-from saltus.heightmap.evaluation.held_out import HARD, NETWORK, HeldOutRun, Prediction
+from saltus.heightmap.evaluation.held_out import HARD, NETWORK, HeldOutPrediction, HeldOutRun
 from saltus.heightmap.evaluation.visibility import UNSEEN
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.robots.loading import load_robot
@@ -54,7 +54,7 @@ def test_no_scene_is_drawn_by_the_law_of_training(name: str) -> None:
 
 def run_of(rng: np.random.Generator, terrain: str) -> HeldOutRun:
     true, view = rng.normal(size=SHAPE), rng.integers(0, 3, SHAPE).astype(np.int8)
-    said = Prediction(
+    said = HeldOutPrediction(
         height=true + rng.normal(size=SHAPE), half_width_90=rng.uniform(0.01, 0.9, SHAPE)
     )
     status = rng.choice((HeightmapStatus.OK, HeightmapStatus.DEGRADED), SHAPE[0]).astype(np.int8)

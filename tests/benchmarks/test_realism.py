@@ -8,7 +8,7 @@ import torch
 from synthetic_motion import gliding_episodes
 
 from benchmarks.realism import check_twins, with_age_held
-from saltus.heightmap.data.delivery import DeliveryModel
+from saltus.heightmap.data.delivery import ImageDeliveryModel
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import DatasetError
 from saltus.heightmap.model import HeightmapModel
@@ -51,7 +51,7 @@ def test_a_network_whose_age_is_held_says_the_same_of_images_that_it_knows(
     store = EpisodeStore(motion, torch.device("cpu"))
     model = HeightmapModel(ModelSettings(), store.normalisation())
     held = with_age_held(model, latency_s)
-    known = DeliveryModel(latency_s=(latency_s, latency_s))
+    known = ImageDeliveryModel(latency_s=(latency_s, latency_s))
     window = next(store.windows(4, 21, known, NO_NOISE, np.random.default_rng(0)))
     # Before its first image a robot has none of whatever age: both are given that of an image that
     # comes now.

@@ -14,8 +14,8 @@ from samples import KINEMATICS, PROFILE, ROBOT, setup_of
 from saltus.config import TerrainConfig
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.controller.braking import Braking, BrakingState
-from saltus.controller.law import LegController
-from saltus.controller.loop import FIRST_STAND_S, ControlLoop
+from saltus.controller.control_loop import FIRST_STAND_S, ControlLoop
+from saltus.controller.leg_controller import LegController
 from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.grid import LINE
 from saltus.loop.planner import observe

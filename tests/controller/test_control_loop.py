@@ -8,8 +8,8 @@ from samples import PROFILE, ROBOT, setup_of
 
 from saltus.config import TerrainConfig
 from saltus.constants import PHYSICS_DT
-from saltus.controller.loop import FIRST_STAND_S, ControlLoop
-from saltus.controller.robot.backend import Reading
+from saltus.controller.control_loop import FIRST_STAND_S, ControlLoop
+from saltus.controller.robot.backend import RobotReading
 from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.errors import SaltusError
 from saltus.rotations import quaternion_from_roll_pitch_yaw, roll_pitch_yaw, rotation_matrix
@@ -244,7 +244,7 @@ def test_a_reading_that_is_not_finite_damps_the_joints():
         loop.sense(good)
         bad = np.full_like(getattr(good.measurement, name), np.nan)
         loop.sense(
-            Reading(
+            RobotReading(
                 measurement=replace(good.measurement, **{name: bad}), joint_torque=good.joint_torque
             )
         )
@@ -263,7 +263,7 @@ def test_a_robot_that_tips_over_is_damped():
             quaternion[axis] = np.sin(angle / 2)
             tipped = replace(good.measurement, quaternion_base_in_world=quaternion)
             loop = ControlLoop(ROBOT)
-            loop.sense(Reading(measurement=tipped, joint_torque=good.joint_torque))
+            loop.sense(RobotReading(measurement=tipped, joint_torque=good.joint_torque))
             loop.act(None, np.inf)
             assert loop.mode == ControllerMode.DAMP
 

@@ -15,7 +15,7 @@ from stand_ins import PREFIX, StandIns, make_plan, of
 from saltus.config import RunConfig, TerrainConfig
 from saltus.controller import __main__ as process
 from saltus.controller import lockstep
-from saltus.controller.plans import Plans
+from saltus.controller.newest_plan import NewestPlan
 from saltus.errors import StackError
 from saltus.runtime.process import ProcessContext
 from saltus.wire.bus import topic_of, unpack
@@ -143,7 +143,9 @@ def test_plans_say_once_that_they_are_lost_and_back(tmp_path):
     hub = MemoryHub()
     bus = MemoryBus(PREFIX, hub)
     stream = bus.stream()
-    plans = Plans(ProcessContext("controller", RunConfig(robot="go1", grid="line"), tmp_path, bus))
+    plans = NewestPlan(
+        ProcessContext("controller", RunConfig(robot="go1", grid="line"), tmp_path, bus)
+    )
     sender = MemoryBus(PREFIX, hub).publisher("policy/plan")
     assert plans.newest(0, halt=True) == (None, float("inf"))
     sender.put(make_plan(0, 0))

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from saltus.config import TerrainConfig
-from saltus.controller.course import AFTERMATH_LIMIT_S, STAND_S, STOP_AFTER_FINISH_M, CourseRun
+from saltus.controller.course_run import AFTERMATH_LIMIT_S, STAND_S, STOP_AFTER_FINISH_M, CourseRun
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire.messages import ControllerMode
 

@@ -6,7 +6,7 @@ from samples import KINEMATICS, ROBOT
 from saltus.constants import PHYSICS_DT
 from saltus.controller.estimator import Estimator, EstimatorState
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
-from saltus.states import Sensed
+from saltus.states import SensorArrays
 
 DT = PHYSICS_DT
 VELOCITY = np.array([0.4, -0.1, 0.0])
@@ -26,7 +26,7 @@ def walking(ticks, robots, feet_slip=0.0):
     velocity = np.linalg.solve(
         jacobian, np.broadcast_to(foot_velocity[:, None, :, None], (robots, 4, 3, 1))
     )
-    measured = Sensed(
+    measured = SensorArrays(
         quaternion_base_in_world=quaternion,
         angular_velocity_base=np.zeros((robots, 3)),
         acceleration_base=np.broadcast_to([0.0, 0.0, 9.81], (robots, 3)),
@@ -51,7 +51,7 @@ def test_converges_to_velocity_and_height():
 
 def test_falls_freely_without_trusted_legs():
     measurements, _ = walking(1, 1)
-    flying = Sensed(**{**vars(measurements[0]), "acceleration_base": np.zeros((1, 3))})
+    flying = SensorArrays(**{**vars(measurements[0]), "acceleration_base": np.zeros((1, 3))})
     estimator = Estimator(ROBOT)
     state = estimator.init((1,), flying.joint_position)
     for _ in range(100):
@@ -79,7 +79,9 @@ def test_a_foot_that_flies_is_hardly_believed_but_no_error_lasts():
 
 def test_numpy_equals_torch_and_state_is_kept():
     measurements, _ = walking(1, 5)
-    tensors = Sensed(**{k: torch.as_tensor(np.array(v)) for k, v in vars(measurements[0]).items()})
+    tensors = SensorArrays(
+        **{k: torch.as_tensor(np.array(v)) for k, v in vars(measurements[0]).items()}
+    )
     trusted = np.random.default_rng(10).random((5, 4)) < 0.5
     estimator = Estimator(ROBOT)
     ours = estimator.init((5,), measurements[0].joint_position)

@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 from samples import KINEMATICS, ROBOT
 
-from saltus.controller.feedback import SpeedBrake, VelocityFeedback
-from saltus.controller.signals import observe
+from saltus.controller.velocity_feedback import SpeedBrake, VelocityFeedback
+from saltus.controller.yaw_frame import observe
 from saltus.joint_command import JointCommand
 
 FEEDBACK = VelocityFeedback(ROBOT)

@@ -7,8 +7,8 @@ from samples import KINEMATICS, ROBOT
 
 from benchmarks.qp import row
 from saltus.constants import PHYSICS_DT
-from saltus.controller.law import LegController
-from saltus.controller.signals import reference_of
+from saltus.controller.leg_controller import LegController
+from saltus.controller.yaw_frame import reference_of
 from saltus.plan import Plan, plan_message, plan_of
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.wire.messages import ControllerMode, PlanStatus

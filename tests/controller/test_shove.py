@@ -8,7 +8,7 @@ from samples import setup_of
 from saltus.config import TerrainConfig
 from saltus.constants import POLICY_DT, POLICY_STEPS, PUSH_STEPS
 from saltus.controller.robot.mujoco import MujocoRobot
-from saltus.controller.shove import HARDEST_NS, Shove
+from saltus.controller.shove import HARDEST_NS, TrunkShove
 from saltus.joint_command import JointCommand
 from saltus.robots.loading import load_robot
 from saltus.wire.messages import OPERATOR, Event
@@ -29,7 +29,7 @@ def ask(bus: MemoryBus, code: str, detail: str) -> None:
 @pytest.mark.parametrize(("detail", "impulse"), PUSHES.items())
 def test_the_impulse_is_the_one_that_is_named(detail: str, impulse: float) -> None:
     bus = MemoryBus("robot/0")
-    shove = Shove(bus)
+    shove = TrunkShove(bus)
     assert shove.step() == 0.0
     ask(bus, "push", detail)
     forces = [shove.step() for _ in range(PUSH_STEPS)]
@@ -40,7 +40,7 @@ def test_the_impulse_is_the_one_that_is_named(detail: str, impulse: float) -> No
 
 def test_another_push_takes_the_place_of_the_first() -> None:
     bus = MemoryBus("robot/0")
-    shove = Shove(bus)
+    shove = TrunkShove(bus)
     operator = bus.publisher("event", OPERATOR)
     operator.put(Event(time_ns=0, process=OPERATOR, code="push", detail="10"))
     assert shove.step() > 0.0
@@ -51,7 +51,7 @@ def test_another_push_takes_the_place_of_the_first() -> None:
 @pytest.mark.parametrize("code", ["stop", "kill", "blind", ""])
 def test_other_events_push_nobody(code: str) -> None:
     bus = MemoryBus("robot/0")
-    shove = Shove(bus)
+    shove = TrunkShove(bus)
     ask(bus, code, "15")
     assert shove.step() == 0.0
 

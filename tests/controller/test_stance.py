@@ -6,7 +6,6 @@ import torch
 from samples import KINEMATICS, ROBOT
 
 from benchmarks.qp import independent, row
-from saltus.controller.signals import Reference, YawFrameBody, observe
 from saltus.controller.stance import (
     ACCELERATION_WEIGHT,
     FORCE_WEIGHT,
@@ -15,6 +14,7 @@ from saltus.controller.stance import (
     StanceLegs,
     StanceQP,
 )
+from saltus.controller.yaw_frame import CentroidalReference, YawFrameBody, observe
 from saltus.robots.robot import Robot
 from saltus.robots.similarity import Similarity
 from saltus.states import standing_state
@@ -127,7 +127,9 @@ def test_forces_of_a_robot_of_another_size_grow_with_its_mass(draw):
     )
 
 
-def _forces(robot: Robot, plan: Reference, body: YawFrameBody, contact: np.ndarray) -> np.ndarray:
+def _forces(
+    robot: Robot, plan: CentroidalReference, body: YawFrameBody, contact: np.ndarray
+) -> np.ndarray:
     legs = StanceLegs(robot)
     acceleration = legs.acceleration_reference(body, plan.velocity, plan.angular_velocity)
     return ExactSolver(robot).solve(legs.build_qp(body, acceleration, contact))

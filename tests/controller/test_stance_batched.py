@@ -5,7 +5,6 @@ import pytest
 import torch
 from samples import KINEMATICS, ROBOT
 
-from saltus.controller.signals import observe
 from saltus.controller.stance import (
     ACCELERATION_WEIGHT,
     FORCE_WEIGHT,
@@ -15,6 +14,7 @@ from saltus.controller.stance import (
     StanceQP,
 )
 from saltus.controller.stance_batched import BatchedSolver, invert
+from saltus.controller.yaw_frame import observe
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.states import standing_state
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from samples import KINEMATICS, ROBOT
 
-from saltus.controller.signals import observe
 from saltus.controller.swing import BENT_FROM_MPS, SwingLegs
+from saltus.controller.yaw_frame import observe
 
 SWING = SwingLegs(ROBOT)
 ROBOTS = 200

@@ -12,7 +12,7 @@ from benchmarks.qp import row
 from saltus.arrays import Constant
 from saltus.controller.compensation import Compensation
 from saltus.controller.gait import GaitState
-from saltus.controller.tick import CompiledTick, Tick
+from saltus.controller.tick import CompiledTickLaw, TickLaw
 from saltus.plan import REST
 from saltus.wire.messages import ControllerMode
 
@@ -23,12 +23,12 @@ COMPENSATION = Compensation(
     damping=Constant(np.full(12, 0.1)),
     torque_limit=Constant(ROBOT.torque_limit),
 )
-TICK = Tick(ROBOT)
+TICK = TickLaw(ROBOT)
 
 
 @pytest.fixture(scope="module")
 def compiled():
-    return CompiledTick(ROBOT)
+    return CompiledTickLaw(ROBOT)
 
 
 def assert_near(one, other, where=""):
@@ -131,21 +131,21 @@ def test_the_compiled_braking_is_the_braking(draw, compiled):
 
 
 def test_what_is_known_of_drives_is_taken_out(draw):
-    tick, compiled = Tick(ROBOT, COMPENSATION), CompiledTick(ROBOT, COMPENSATION)
+    tick, compiled = TickLaw(ROBOT, COMPENSATION), CompiledTickLaw(ROBOT, COMPENSATION)
     mode = ControllerMode.RUN
     assert_acts_alike(tick, compiled, np.random.default_rng(7), 100, draw, mode, mode)
 
 
 def test_fast_joints_are_braked_alike(draw):
     braked = replace(ROBOT, gains=replace(ROBOT.gains, brake_kd=8.0), speed_limit=np.full(12, 3.0))
-    tick, compiled = Tick(braked), CompiledTick(braked)
+    tick, compiled = TickLaw(braked), CompiledTickLaw(braked)
     mode = ControllerMode.RUN
     assert_acts_alike(tick, compiled, np.random.default_rng(10), 100, draw, mode, mode)
 
 
 def test_knees_of_fast_robots_are_bent_alike(draw):
     bent = replace(ROBOT, gains=replace(ROBOT.gains, landing_bend=1.4))
-    tick, compiled = Tick(bent), CompiledTick(bent)
+    tick, compiled = TickLaw(bent), CompiledTickLaw(bent)
     mode = ControllerMode.RUN
     assert_acts_alike(tick, compiled, np.random.default_rng(11), 100, draw, mode, mode)
 

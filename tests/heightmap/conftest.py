@@ -12,10 +12,10 @@ from saltus.grid import LINE
 from saltus.heightmap.data import closed_loop
 from saltus.heightmap.data.shards import read_dataset, write_shard
 from saltus.heightmap.model import HeightmapModel, Normalisation
-from saltus.heightmap.service.features import PROPRIOCEPTION
+from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 from saltus.heightmap.settings import ModelSettings
 from saltus.heightmap.training.dataset import EpisodeStore
-from saltus.heightmap.training.export import Origin, export
+from saltus.heightmap.training.export import ModelOrigin, export
 
 
 @pytest.fixture(scope="session")
@@ -35,7 +35,7 @@ def model_path(model: HeightmapModel, tmp_path_factory: pytest.TempPathFactory) 
     export(
         model,
         path,
-        Origin(
+        ModelOrigin(
             robot="go1",
             grid=LINE,
             camera=SHIPPED["d435i"],

@@ -21,9 +21,9 @@ from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import Profile
 from saltus.grid import LINE
 from saltus.heightmap.data import device_cameras
-from saltus.heightmap.data.delivery import TICK_S, DeliveryModel, deliver
+from saltus.heightmap.data.delivery import TICK_S, ImageDeliveryModel, deliver
 from saltus.heightmap.data.device_cameras import DeviceCameras, late_images
-from saltus.heightmap.data.rollouts import Trajectory, filmed
+from saltus.heightmap.data.rollouts import RobotTrajectory, filmed
 from saltus.render.camera import RobotCamera
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.exposure import PerfectExposure
@@ -55,7 +55,7 @@ class Hand:
 
 
 @pytest.fixture(scope="module")
-def motion() -> Trajectory:
+def motion() -> RobotTrajectory:
     (trajectory,) = gliding_robots(np.random.default_rng(4), 1, ticks=TICKS, terrains=("flat",))
     floor = Box(low=(-2.0, -2.0, -1.0), high=(9.0, 2.0, 0.0))
     posts = [
@@ -72,7 +72,7 @@ def with_latency(effects: tuple[Effect[Any], ...]) -> Profile:
     return Profile(camera=effects if late else (*effects, *PROFILE.camera))
 
 
-def of_process(profile: Profile, motion: Trajectory) -> Hand:
+def of_process(profile: Profile, motion: RobotTrajectory) -> Hand:
     """The camera process of the stack."""
     view = RobotCamera.on(ROBOT).moved(profile.view_chain)
     exposure = PerfectExposure(EmbreeRenderer(motion.terrain, view, threads=1), MODEL_CAMERA)
@@ -87,7 +87,7 @@ def of_process(profile: Profile, motion: Trajectory) -> Hand:
     return Hand(taken=taken, depth=depth)
 
 
-def truth_of(motion: Trajectory, k: int) -> GroundTruth:
+def truth_of(motion: RobotTrajectory, k: int) -> GroundTruth:
     return GroundTruth(
         time_ns=round(k * 1e9 * TICK_S),
         step=k,
@@ -102,11 +102,11 @@ def truth_of(motion: Trajectory, k: int) -> GroundTruth:
     )
 
 
-def of_dataset(profile: Profile, motion: Trajectory) -> Hand:
+def of_dataset(profile: Profile, motion: RobotTrajectory) -> Hand:
     """An episode as processors collect it, as a training delivers it."""
     view = RobotCamera.on(ROBOT).moved(profile.view_chain)
     (episode,) = filmed([motion], [view], IDEAL_CAMERA, profile, LINE, np.random.default_rng(7))
-    frame = deliver([episode], DeliveryModel(), np.random.default_rng(0)).frame[0]
+    frame = deliver([episode], ImageDeliveryModel(), np.random.default_rng(0)).frame[0]
     taken = np.where(frame >= 0, episode.frame_tick[np.maximum(frame, 0)], NEVER)
     return Hand(
         taken=taken, depth=dict(zip(episode.frame_tick.tolist(), episode.depth, strict=True))
@@ -117,7 +117,7 @@ def of_dataset(profile: Profile, motion: Trajectory) -> Hand:
 class OneCourse:
     """One terrain under one robot."""
 
-    motion: Trajectory
+    motion: RobotTrajectory
     finish_x = np.zeros(1)
 
     def boxes(self) -> Boxes:
@@ -125,13 +125,13 @@ class OneCourse:
         return Boxes(center=boxes.center[None], half_size=boxes.half_size[None])
 
 
-def of_device(profile: Profile, motion: Trajectory) -> Hand:
+def of_device(profile: Profile, motion: RobotTrajectory) -> Hand:
     """Cameras on a device, and what a predictor in the loop has in hand there."""
     course: Any = OneCourse(motion)
     rng = np.random.default_rng(7)
     cameras = DeviceCameras(ROBOT, course, {"ideal": IDEAL_CAMERA}, profile, "cpu", rng)
     images = late_images(
-        1, DeliveryModel(), profile.camera_chain.latency, np.random.default_rng(0), "cpu"
+        1, ImageDeliveryModel(), profile.camera_chain.latency, np.random.default_rng(0), "cpu"
     )
     columns = motion.position_base_in_world, motion.quaternion_base_in_world, motion.joint_position
     qpos = torch.tensor(np.concatenate(columns, -1)).float()
@@ -156,7 +156,7 @@ def test_there_is_an_example_of_every_effect() -> None:
 @pytest.mark.sample(7)
 @pytest.mark.parametrize("effects", CASES, ids=lambda effects: effects[-1].name)
 def test_robots_get_the_images_of_the_camera_process(
-    effects: tuple[Effect[Any], ...], motion: Trajectory, monkeypatch: pytest.MonkeyPatch
+    effects: tuple[Effect[Any], ...], motion: RobotTrajectory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def where_it_should(robot: Any, rng: Any, count: int) -> Mount:
         return Mount(

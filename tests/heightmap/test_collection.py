@@ -21,7 +21,7 @@ from saltus.heightmap.data.device_rollouts import DeviceRollouts
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.inventory import validate
 from saltus.heightmap.data.shards import read_dataset, read_manifest
-from saltus.heightmap.service.features import PROPRIOCEPTION
+from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 from saltus.heightmap.settings import MIN_TICKS, DeviceLoop
 from saltus.loop.body import Body
 from saltus.policy.training.checkpoint import read_checkpoint

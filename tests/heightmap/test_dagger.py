@@ -18,7 +18,7 @@ from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.heightmap.data.closed_loop import MixedPlanner, closed_loop_episodes
 from saltus.heightmap.data.shards import DatasetError, read_manifest
-from saltus.heightmap.service.features import PROPRIOCEPTION
+from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 from saltus.heightmap.settings import MIN_TICKS, ClosedLoop, DaggerSettings
 from saltus.heightmap.training.dagger import Observer, dagger
 from saltus.heightmap.training.train import TrainingProgress

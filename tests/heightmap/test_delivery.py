@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from saltus.effects.image_delivery import CameraLatency
-from saltus.heightmap.data.delivery import DELIVERIES, TRAINING, DeliveryModel, deliver
+from saltus.heightmap.data.delivery import DELIVERIES, TRAINING, ImageDeliveryModel, deliver
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.settings import DeliveryName
 
@@ -22,7 +22,9 @@ def episode(ticks: int = TICKS, **how: Any) -> Episode:
 
 
 def test_without_faults_images_come_every_20_ms_and_are_50_ms_old() -> None:
-    ((frame,), (age_s,), (new,)) = deliver([episode()], DeliveryModel(), np.random.default_rng(0))
+    ((frame,), (age_s,), (new,)) = deliver(
+        [episode()], ImageDeliveryModel(), np.random.default_rng(0)
+    )
     assert list(frame[:9]) == [-1, -1, -1, -1, -1, 0, 0, 1, 1]
     assert np.isinf(age_s[:5]).all()
     np.testing.assert_allclose(

@@ -19,24 +19,24 @@ from saltus.effects.camera import NOMINAL_LATENCY
 from saltus.effects.signals import DepthImage
 from saltus.errors import ConfigError
 from saltus.grid import LINE
-from saltus.heightmap.data.delivery import FRAME_TICKS, TICK_S, TRAINING, DeliveryModel
+from saltus.heightmap.data.delivery import FRAME_TICKS, TICK_S, TRAINING, ImageDeliveryModel
 from saltus.heightmap.data.device_cameras import late_images
 from saltus.heightmap.data.device_rollouts import DeviceRollouts
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.inventory import validate
 from saltus.heightmap.data.shards import read_dataset, read_manifest
 from saltus.heightmap.model import HeightmapModel
-from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 from saltus.heightmap.service.sight import Sight
 from saltus.heightmap.settings import MIN_TICKS, TERRAINS, DeviceLoop
 from saltus.heightmap.training.validate import run_episode
 from saltus.policy.bounds import ACTIONS
-from saltus.policy.env.env import JumpEnv
+from saltus.policy.env.jump_env import JumpEnv
 from saltus.policy.env.randomisation import WideSettings
-from saltus.policy.env.settings import TrainSettings
+from saltus.policy.env.settings import JumpTrainSettings
 from saltus.policy.env.training_env import Transition
-from saltus.policy.features import size_with
+from saltus.policy.policy_features import size_with
 from saltus.policy.training.checkpoint import read_checkpoint
 
 pytestmark = pytest.mark.slow
@@ -180,7 +180,7 @@ def test_robots_are_led_by_whom_the_share_says(
 
 def test_robots_differ_as_at_the_end_of_their_policys_training() -> None:
     policy = read_checkpoint(CHECKPOINTS / "policy.pt")
-    config = from_toml(TrainSettings, policy["config"])
+    config = from_toml(JumpTrainSettings, policy["config"])
     wide = WideSettings(share=1.0, growth_msteps=(100.0, 400.0))
     randomisation = replace(config.env.randomisation, wide=wide)
     policy["config"] = to_toml(
@@ -228,7 +228,7 @@ def test_late_and_lost_images_never_go_back_in_time() -> None:
 def test_heights_on_a_device_are_those_of_the_file(model: HeightmapModel, model_path: Path) -> None:
     """Tick by tick, and again after a robot starts anew."""
     rng = np.random.default_rng(0)
-    ticks, latency = 60, DeliveryModel()
+    ticks, latency = 60, ImageDeliveryModel()
     episode = Episode(
         terrain="flat",
         proprioception=rng.normal(size=(ticks, len(PROPRIOCEPTION))).astype(np.float32),

@@ -11,7 +11,6 @@ import pytest
 
 from saltus.cli.main import main
 from saltus.grid import LINE
-from saltus.heightmap.data.columns import NO_IMAGE_S, columns_of
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.export import (
     CROISSANT_FILE,
@@ -20,8 +19,9 @@ from saltus.heightmap.data.export import (
     STATS_FILE,
     TASKS_FILE,
 )
+from saltus.heightmap.data.export_columns import NO_IMAGE_S, columns_of
 from saltus.heightmap.data.shards import write_shard
-from saltus.heightmap.service.features import PROPRIOCEPTION
+from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 
 LENGTHS = (7, 30, 12)
 TERRAINS = ("stairs", "gap", "stairs")

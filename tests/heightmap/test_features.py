@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from samples import KINEMATICS, ROBOT
 
 from saltus import rotations
-from saltus.heightmap.service.features import (
+from saltus.heightmap.service.proprioception_vector import (
     PROPRIOCEPTION,
     proprioception_of,
     proprioception_of_states,

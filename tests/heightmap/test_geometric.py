@@ -9,8 +9,8 @@ from saltus import rotations
 from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, NOTHING, Intrinsics
 from saltus.grid import HEIGHTMAP_X, LINE
-from saltus.heightmap.evaluation.edges import edge_errors
 from saltus.heightmap.evaluation.geometric import FOOT_GAIN, GeometricHeightmap
+from saltus.heightmap.evaluation.height_edges import edge_errors
 from saltus.heightmap.service.quantiles import UNKNOWN_HALF_WIDTH_M
 from saltus.heightmap.service.replay import replay_predictor
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState

@@ -16,9 +16,9 @@ from samples import ROBOT, put_run
 from saltus.clock import RunClock
 from saltus.config import Pace, RunConfig
 from saltus.grid import LINE
-from saltus.heightmap.service.link import RobotLink
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.process import HeightmapProcess
+from saltus.heightmap.service.robot_inbox import RobotInbox
 from saltus.heightmap.service.service import HeightmapService
 from saltus.runtime.process import ProcessContext
 from saltus.used_networks import SCAN, model_id
@@ -176,7 +176,7 @@ def test_a_robot_whose_clock_differs_is_not_answered_and_it_is_said_once_within_
         "heightmap", config, put_run(tmp_path, config), MemoryBus(config.prefix, hub)
     )
     link, bus, begin_ns = (
-        RobotLink(context, TOPICS["camera/depth"]),
+        RobotInbox(context, TOPICS["camera/depth"]),
         MemoryBus(config.prefix, hub),
         10**15,
     )

@@ -23,16 +23,16 @@ from saltus.heightmap.evaluation.held_out import (
     HARD,
     MASTERED,
     NETWORK,
+    HeldOutPrediction,
     HeldOutRun,
     HeldOutRuns,
-    Prediction,
 )
 from saltus.heightmap.evaluation.scores import score, scores
 from saltus.heightmap.evaluation.visibility import REMEMBERED, UNSEEN, VISIBLE
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.training.validate import accuracy
+from saltus.terrain.course_law import PAPER
 from saltus.terrain.curriculum import make_terrain
-from saltus.terrain.law import PAPER
 
 COURSES = 2 * len(PAPER)
 POINTS = len(HEIGHTMAP_X)
@@ -42,7 +42,7 @@ STEPS = 400
 def synthetic_run(
     height: np.ndarray, half_width: np.ndarray, true: np.ndarray, view: np.ndarray
 ) -> HeldOutRun:
-    prediction = Prediction(height=height, half_width_90=half_width)
+    prediction = HeldOutPrediction(height=height, half_width_90=half_width)
     return HeldOutRun(
         terrain="stairs", level=MASTERED, x=HEIGHTMAP_X, true_height=true,
         view=view.astype(np.int8),

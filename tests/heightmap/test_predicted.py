@@ -29,7 +29,7 @@ from saltus.heightmap.service.scan_fleet import ScanChoice
 from saltus.heightmap.service.service import HeightmapService
 from saltus.loop.heights import HeightSource
 from saltus.loop.loop import Loop, Moment
-from saltus.policy.evaluation.evaluate import Evaluation, run_batch
+from saltus.policy.evaluation.evaluate import EvaluationSettings, run_batch
 from saltus.policy.planner import make_planner
 from saltus.render.__main__ import build
 from saltus.render.process import CameraProcess
@@ -182,7 +182,7 @@ def test_a_robot_that_starts_again_has_forgotten(kind: str, model_path: Path) ->
 def test_a_trial_does_not_depend_on_who_else_is_in_the_batch(
     camera: str, course: dict[str, Any], model: Path | None
 ) -> None:
-    evaluation = Evaluation(
+    evaluation = EvaluationSettings(
         robot="go1", grid="line", camera=camera, course=TerrainConfig(**course), time_limit_s=1.0
     )
     run = partial(

@@ -16,10 +16,16 @@ from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, RANGE_M
 from saltus.errors import RecordingError
 from saltus.grid import HEIGHTMAP_X, LINE
-from saltus.heightmap.evaluation.comparison import RECORDED, Comparison, compare, in_view, read_run
-from saltus.heightmap.evaluation.edges import JUMP_M, edge_errors, jumps
-from saltus.heightmap.evaluation.errors_by import REMEMBERED, VISIBLE, ErrorRow, Errors
+from saltus.heightmap.evaluation.comparison import (
+    RECORDED,
+    HeightComparison,
+    compare,
+    in_view,
+    read_run,
+)
+from saltus.heightmap.evaluation.errors_by import REMEMBERED, VISIBLE, ErrorRow, GroupedErrors
 from saltus.heightmap.evaluation.geometric import GeometricHeightmap
+from saltus.heightmap.evaluation.height_edges import JUMP_M, edge_errors, jumps
 from saltus.heightmap.evaluation.report import APART_S, WORST, WORST_M, measure, write_report
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.replay import replay_frames, replay_predictor
@@ -29,9 +35,9 @@ from saltus.robots.mount import Mount
 from saltus.wire.messages import ControllerMode, Heightmap, HeightmapStatus
 
 CELL = float(HEIGHTMAP_X[1] - HEIGHTMAP_X[0])
-TABLES: list[Callable[[Errors], list[ErrorRow]]] = [
-    Errors.by_distance, Errors.by_terrain, Errors.by_view, Errors.by_phase, Errors.by_speed,
-    Errors.by_age,
+TABLES: list[Callable[[GroupedErrors], list[ErrorRow]]] = [
+    GroupedErrors.by_distance, GroupedErrors.by_terrain, GroupedErrors.by_view,
+    GroupedErrors.by_phase, GroupedErrors.by_speed, GroupedErrors.by_age,
 ]  # fmt: skip
 
 
@@ -62,7 +68,9 @@ def told(
     ]
 
 
-def compared(path: Path, run: Glide, maps: list[Heightmap], *, truth: bool = True) -> Comparison:
+def compared(
+    path: Path, run: Glide, maps: list[Heightmap], *, truth: bool = True
+) -> HeightComparison:
     (comparison,) = compare(read_run(record(path, run, maps, truth=truth)))
     return comparison
 
@@ -82,7 +90,7 @@ def test_a_constant_error_is_found_in_every_group(
     run: Glide, geometric: list[Heightmap], tmp_path: Path, bias: float
 ) -> None:
     wrong = np.full_like(run.true_height, bias)
-    errors = Errors(
+    errors = GroupedErrors(
         [compared(tmp_path / "bias.mcap", run, told(run, geometric, wrong, np.abs(wrong)))]
     )
     for table in TABLES:
@@ -94,7 +102,7 @@ def test_a_constant_error_is_found_in_every_group(
 
 
 def test_groups_share_out_all_points(recording: Recording) -> None:
-    errors = Errors(compare(read_run(recording), ["geometric-feet"])[:1])
+    errors = GroupedErrors(compare(read_run(recording), ["geometric-feet"])[:1])
     overall = errors.overall()
     assert overall is not None
     for table in TABLES:
@@ -115,7 +123,7 @@ def test_calibration_compares_what_is_stated_with_what_is(
     half_width = rng.uniform(0.01, 0.08, run.true_height.shape)
     wrong = rng.laplace(size=half_width.shape) * half_width / np.log(10.0)
     maps = told(run, geometric, wrong, scale * half_width)
-    calibration = Errors([compared(tmp_path / "c.mcap", run, maps)]).calibration()
+    calibration = GroupedErrors([compared(tmp_path / "c.mcap", run, maps)]).calibration()
     np.testing.assert_allclose(calibration.observed_m * scale, calibration.stated_m, rtol=0.15)
     if scale == 1.0:
         np.testing.assert_allclose(calibration.coverage, calibration.level, atol=0.03)
@@ -128,7 +136,7 @@ def test_the_true_spread_has_the_best_likelihood(
 ) -> None:
     wrong = np.random.default_rng(4).laplace(size=run.true_height.shape) * 0.02 / np.log(10.0)
     scores = [
-        Errors(
+        GroupedErrors(
             [
                 compared(
                     tmp_path / f"{s}.mcap", run, told(run, geometric, wrong, np.full_like(wrong, s))

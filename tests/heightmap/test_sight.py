@@ -14,12 +14,12 @@ from samples import ROBOT
 
 from saltus.effects.signals import DepthImage
 from saltus.heightmap.model import HeightmapModel
-from saltus.heightmap.service.features import PROPRIOCEPTION, proprioception_of_states
 from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION, proprioception_of_states
 from saltus.heightmap.service.service import HeightmapService
 from saltus.heightmap.service.sight import NetworkOutputs, Sight
 from saltus.robots.legs import LegKinematics
-from saltus.states import RobotStates, standing_state, state_message
+from saltus.states import ProprioceptionArrays, standing_state, state_message
 from saltus.wire.messages import ControllerMode
 
 ROBOTS, TICKS, TICK_NS = 3, 180, 10_000_000
@@ -30,7 +30,7 @@ NONSENSE = (("height", 3.0), ("half_width_90", np.nan), ("hidden", 1.1))
 class Moment:
     """What is drawn for one tick of all robots."""
 
-    states: RobotStates
+    states: ProprioceptionArrays
     depth: Any
     """[mm], uint16, shape (robots, 48, 16)."""
     arrived: Any
@@ -59,12 +59,13 @@ def drawn_moments(seed: int) -> list[Moment]:
         joints = stands.joint_position + 0.1 * rng.normal(size=(ROBOTS, 12))
         together = {
             name: np.stack([getattr(stands, name)] * ROBOTS)
-            for name in {each.name for each in fields(RobotStates)} - {"step", "joint_position"}
+            for name in {each.name for each in fields(ProprioceptionArrays)}
+            - {"step", "joint_position"}
         }
         valid = rng.uniform(size=(ROBOTS, 48, 16)) < rng.choice([0.1, 0.9], (ROBOTS, 1, 1))
         moments.append(
             Moment(
-                states=RobotStates(joint_position=joints, step=step, **together),
+                states=ProprioceptionArrays(joint_position=joints, step=step, **together),
                 depth=np.where(valid, rng.integers(1, 5000, valid.shape), 0).astype(np.uint16),
                 arrived=(rng.uniform(size=ROBOTS) < 0.3) & (step % 60 > 20),
                 fresh=rng.uniform(size=ROBOTS) < (0.01 if step else 1.0),

@@ -17,7 +17,7 @@ from samples import setup_of
 from saltus.cli.main import main
 from saltus.config import RunConfig, TerrainConfig
 from saltus.grid import SCAN
-from saltus.heightmap.evaluation.standing import PLACE, check_standing
+from saltus.heightmap.evaluation.trust_checks import PLACE, check_standing
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import Recording, read_recording
 from saltus.robots.robot import Robot

@@ -18,7 +18,7 @@ from saltus.grid import LINE
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
 from saltus.heightmap.data.randomisation import random_mount
 from saltus.heightmap.data.robot_cameras import robot_cameras, sampled
-from saltus.heightmap.data.rollouts import Trajectory, filmed
+from saltus.heightmap.data.rollouts import RobotTrajectory, filmed
 from saltus.heightmap.settings import ClosedLoop
 from saltus.loop.loop import STAND_STEPS, Loop
 from saltus.policy.planner import make_planner
@@ -34,14 +34,14 @@ D435I = SHIPPED["d435i"]
 
 
 @pytest.fixture(scope="module")
-def motion() -> list[Trajectory]:
+def motion() -> list[RobotTrajectory]:
     rng = np.random.default_rng(0)
     short = gliding_robots(rng, 3, ticks=41, terrains=("stairs", "gap"))
     return [*short, *gliding_robots(rng, 3, ticks=60, terrains=("stepping_stones", "step"))]
 
 
 def taken(
-    motion: list[Trajectory],
+    motion: list[RobotTrajectory],
     views: list[RobotCamera],
     camera: DepthCamera,
     renderer: str = "embree",
@@ -53,7 +53,7 @@ def taken(
     ]
 
 
-def test_images_are_true_depth_with_the_errors_of_a_camera(motion: list[Trajectory]) -> None:
+def test_images_are_true_depth_with_the_errors_of_a_camera(motion: list[RobotTrajectory]) -> None:
     rng = np.random.default_rng(1)
     views = [
         replace(RobotCamera.on(ROBOT, SAMPLED), mount=random_mount(ROBOT, rng)) for _ in motion
@@ -80,7 +80,7 @@ def test_cameras_differ_in_how_bad_they_are() -> None:
     assert 0.03 < sigma.min() < 0.04 < 0.15 < sigma.max() < 0.16  # 0.4 to 2 times 0.08 px
 
 
-def test_images_do_not_depend_on_the_renderer(motion: list[Trajectory]) -> None:
+def test_images_do_not_depend_on_the_renderer(motion: list[RobotTrajectory]) -> None:
     """To the millimetre, with the same errors, in nearly all pixels:
     at edges a rasteriser may see the other side.
     """

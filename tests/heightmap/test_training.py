@@ -22,7 +22,7 @@ from saltus.heightmap.settings import PredictorTraining
 from saltus.heightmap.training import release as heightmap_release
 from saltus.heightmap.training import train as heightmap_train
 from saltus.heightmap.training.dataset import EpisodeStore, ImageNoise, run_window
-from saltus.heightmap.training.release import Release, release
+from saltus.heightmap.training.release import ModelRelease, release
 from saltus.heightmap.training.train import TrainingProgress, load_checkpoint, train
 from saltus.heightmap.training.validate import SETTLED_TICKS
 from saltus.resources import resource
@@ -64,7 +64,7 @@ def trained(
 @pytest.fixture(scope="module")
 def released(
     data: Path, begun: Path, tmp_path_factory: pytest.TempPathFactory
-) -> tuple[Release, Path]:
+) -> tuple[ModelRelease, Path]:
     """What the release of the training of one update measured,
     and its folder, which tests leave as it is.
     """
@@ -74,7 +74,7 @@ def released(
 
 def test_training_lowers_the_error_and_the_release_measures_it(
     data: Path,
-    released: tuple[Release, Path],
+    released: tuple[ModelRelease, Path],
     trained: Path,
     told: list[TrainingProgress],
     tmp_path: Path,
@@ -148,7 +148,7 @@ def test_the_command_measures_on_unseen_data_and_says_so(
 @pytest.mark.parametrize("step", ["warmup_frames", "parity", "accuracy"])
 def test_an_export_that_ends_early_leaves_the_model_that_was_there(
     data: Path,
-    released: tuple[Release, Path],
+    released: tuple[ModelRelease, Path],
     trained: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,

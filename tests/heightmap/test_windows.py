@@ -9,7 +9,7 @@ import pytest
 import torch
 from samples import ROBOT
 
-from saltus.heightmap.data.delivery import TRAINING, DeliveryModel
+from saltus.heightmap.data.delivery import TRAINING, ImageDeliveryModel
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.network import HeightmapNetwork
@@ -73,12 +73,14 @@ def test_a_share_of_the_windows_begins_with_an_empty_state_and_goes_on_all_the_s
 def test_a_window_gives_what_the_file_gives_tick_by_tick(
     store: EpisodeStore, model: HeightmapModel, model_path: Path
 ) -> None:
-    windows = store.windows(1, 150, DeliveryModel(), ImageNoise(), np.random.default_rng(0))
+    windows = store.windows(1, 150, ImageDeliveryModel(), ImageNoise(), np.random.default_rng(0))
     window = next(w for w in windows if w.valid.all())  # one that was entered at its beginning
     with torch.no_grad():
         estimate, _ = run_window(model, window, torch.zeros(1, 256))
     episode, _ = found(store, window.height[:, 0].numpy())
-    height, half_width = run_episode(HeightmapNetwork(ROBOT, model_path), episode, DeliveryModel())
+    height, half_width = run_episode(
+        HeightmapNetwork(ROBOT, model_path), episode, ImageDeliveryModel()
+    )
     np.testing.assert_allclose(estimate.height[:, 0].numpy(), height, atol=1e-4)
     np.testing.assert_allclose(
         INTERVAL90 * estimate.log_std[:, 0].exp().numpy(), half_width, atol=1e-4

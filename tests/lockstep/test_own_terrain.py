@@ -20,16 +20,16 @@ from saltus.grid import LINE
 from saltus.heightmap.data.device_rollouts import _curriculum
 from saltus.heightmap.data.shards import read_dataset
 from saltus.heightmap.settings import DeviceLoop
+from saltus.policy.csv_tables import read_table
 from saltus.policy.env.curriculum import CurriculumSettings
-from saltus.policy.env.env import JumpEnv
-from saltus.policy.env.settings import EnvSettings
-from saltus.policy.tables import read_table
+from saltus.policy.env.jump_env import JumpEnv
+from saltus.policy.env.settings import JumpEnvSettings
 from saltus.recordings.recording import read_recording
 from saltus.sim.cpu_engine import CpuEngine
-from saltus.terrain.batch import BOXES
+from saltus.terrain.course_batch import BOXES
+from saltus.terrain.course_law import KINDS
+from saltus.terrain.course_table import VARIANTS, CourseTable
 from saltus.terrain.curriculum import find_family, make_terrain
-from saltus.terrain.law import KINDS
-from saltus.terrain.table import VARIANTS, CourseTable
 from saltus.terrain.terrain import Terrain
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "beams"
@@ -223,7 +223,7 @@ def test_robots_stand_on_their_own_courses_and_on_those_of_saltus() -> None:
     assert curriculum.shares["beams"] == 0.5 * sum(curriculum.shares.values())
     env = JumpEnv(
         CpuEngine(ROBOT, 8, curriculum.boxes, threads=1),
-        EnvSettings(curriculum=curriculum),
+        JumpEnvSettings(curriculum=curriculum),
         LINE,
         seed=0,
     )

@@ -21,8 +21,8 @@ from saltus.recordings.answers import AnswerComparison
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import Recording, read_recording
 from saltus.runtime.programs import PROGRAMS
-from saltus.runtime.replay import Answer
-from saltus.states import RobotStates
+from saltus.runtime.replay import ReplayedMessage
+from saltus.states import ProprioceptionArrays
 from saltus.wire import codec
 from saltus.wire.bus import RawSample, sender_of
 from saltus.wire.messages import ControllerMode, GroundTruth, MotionPlan, RobotState
@@ -67,11 +67,11 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     return run(tmp_path_factory.mktemp("run"), 0)
 
 
-def answers(recording: Recording, name: str) -> list[Answer]:
+def answers(recording: Recording, name: str) -> list[ReplayedMessage]:
     """Messages of a process, as they are recorded."""
     keys = [key for key in recording.senders if sender_of(key) == name]
     return [
-        Answer(key, message, codec.encode(message))
+        ReplayedMessage(key, message, codec.encode(message))
         for key in keys
         if not key.startswith("status/")
         for _, _, message in recording.messages(key)
@@ -144,7 +144,9 @@ def test_a_body_that_is_given_the_recorded_plans_goes_where_the_robot_went(
     rows = zip(recording.of(MotionPlan), truths, states, modes[1:ends], strict=False)
     for message, truth, known, mode in rows:
         assert_same(body.truth, truth, ("position_base_in_world", "joint_position"))
-        assert_same(body.states(), known, [f.name for f in fields(RobotStates) if f.name != "step"])
+        assert_same(
+            body.states(), known, [f.name for f in fields(ProprioceptionArrays) if f.name != "step"]
+        )
         plan = plan_of(message)
         one = {f.name: np.array([getattr(plan, f.name)]) for f in fields(Plan)}
         body.step(Plan(**one), mode)

@@ -7,19 +7,19 @@ import pytest
 from samples import ROBOT
 
 from saltus.loop.planner import compiled_observe, observe
-from saltus.policy.features import features
+from saltus.policy.policy_features import features
 from saltus.robots.legs import LegKinematics
-from saltus.states import RobotStates
+from saltus.states import ProprioceptionArrays
 
 
-def drawn_states(seed: int, count: int) -> list[RobotStates]:
+def drawn_states(seed: int, count: int) -> list[ProprioceptionArrays]:
     rng = np.random.default_rng(seed)
     quaternion = rng.normal(size=(count, 4))
     quaternion /= np.linalg.norm(quaternion, axis=-1, keepdims=True)
     three, four = rng.normal(size=(3, count, 3)), rng.uniform(size=(3, count, 4))
     joints = ROBOT.stand_pose + rng.normal(size=(count, 12))
     return [
-        RobotStates(
+        ProprioceptionArrays(
             quaternion_base_in_world=quaternion[i], angular_velocity_base=10.0 * three[0, i],
             acceleration_base=three[1, i], joint_position=joints[i], joint_velocity=joints[i],
             velocity_base_in_world=three[2, i], base_height=float(four[0, i, 0]),

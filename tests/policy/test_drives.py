@@ -28,19 +28,19 @@ from saltus.errors import ConfigError
 from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.joint_command import JointCommand
 from saltus.loop.loop import Loop
-from saltus.policy.env.env import JumpEnv, _reading, engine_states
+from saltus.policy.env.jump_env import JumpEnv, _reading, engine_states
 from saltus.policy.env.randomisation import RandomisationSettings, WideSettings
-from saltus.policy.env.settings import EnvSettings
-from saltus.policy.env.training_env import Stage
+from saltus.policy.env.settings import JumpEnvSettings
+from saltus.policy.env.training_env import EnvStage
 from saltus.policy.scripted import ScriptedPlanner
-from saltus.sim.batch import BatchPlant
+from saltus.sim.batch_plant import BatchPlant
 from saltus.sim.cpu_engine import CpuEngine
 from saltus.sim.engine import MEDIUM_PAYLOAD_KG
 from saltus.sim.plant import CLEARANCE, Plant
 from saltus.sim.warp_engine import WarpEngine
-from saltus.states import Sensed
+from saltus.states import SensorArrays
 from saltus.terrain import flat
-from saltus.terrain.batch import BOXES
+from saltus.terrain.course_batch import BOXES
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import NOMINAL_FEEDFORWARD_DELAY_S, Trial
 
@@ -107,7 +107,7 @@ def what_is(profile: Profile) -> dict[str, Any]:
     }
 
 
-def angles(sensed: Sensed) -> np.ndarray:
+def angles(sensed: SensorArrays) -> np.ndarray:
     """What encoders and IMUs say, as angles [rad]: how far the base turns within 10 ms, too."""
     turned = POLICY_DT * np.asarray(sensed.angular_velocity_base)
     return np.concatenate([sensed.joint_position, sensed.quaternion_base_in_world, turned], axis=-1)
@@ -134,7 +134,7 @@ def env_of(
     profile: Profile, path: Any, engine: Any = None, randomisation: RandomisationSettings = USUAL
 ) -> JumpEnv:
     path.write_text(profile.to_toml())
-    config = EnvSettings(profile=str(path), randomisation=randomisation)
+    config = JumpEnvSettings(profile=str(path), randomisation=randomisation)
     engine = engine or CpuEngine(
         ROBOT, 2, BOXES, dimensions=config.contact_dimensions(profile), threads=1
     )
@@ -305,7 +305,7 @@ def test_a_process_compiles_the_stages_of_any_number_of_environments() -> None:
     # What is traced holds for its own numbers alone
     counters = [Counter(float(i)) for i in range(10)]
     for counter in counters:
-        Stage(counter.step, torch.device("cpu")).compiled("eager")()
+        EnvStage(counter.step, torch.device("cpu")).compiled("eager")()
     assert all(counter.count == counter.by for counter in counters)
 
 

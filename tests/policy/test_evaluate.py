@@ -11,13 +11,13 @@ from saltus.config import TerrainConfig
 from saltus.depth_camera import SHIPPED
 from saltus.errors import ConfigError
 from saltus.loop.heights import exact_heights
-from saltus.policy.evaluation.evaluate import Evaluation, courses_of, evaluate, merged
+from saltus.policy.evaluation.evaluate import EvaluationSettings, courses_of, evaluate, merged
 
 FLAT = TerrainConfig(terrain="flat")
 
 
 def test_outcomes_come_back_by_seed_and_do_not_depend_on_the_batch() -> None:
-    evaluation = Evaluation(
+    evaluation = EvaluationSettings(
         robot="go1", grid="line", course=FLAT, trials=3, seed=7, time_limit_s=1.2
     )
     heard: list[float] = []
@@ -32,7 +32,9 @@ def test_outcomes_come_back_by_seed_and_do_not_depend_on_the_batch() -> None:
     assert sum(heard) == pytest.approx(3.0)
     alone = merged(
         evaluate(
-            Evaluation(robot="go1", grid="line", course=FLAT, trials=1, seed=8, time_limit_s=1.2),
+            EvaluationSettings(
+                robot="go1", grid="line", course=FLAT, trials=1, seed=8, time_limit_s=1.2
+            ),
             exact_heights,
         )
     )
@@ -45,13 +47,15 @@ def test_outcomes_come_back_by_seed_and_do_not_depend_on_the_batch() -> None:
 )
 def test_what_cannot_be_evaluated_is_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match=next(iter(wrong))):
-        Evaluation(robot="go1", grid="line", course=FLAT, **wrong)
+        EvaluationSettings(robot="go1", grid="line", course=FLAT, **wrong)
 
 
 def test_images_travel_as_long_as_their_camera_says(tmp_path: Path) -> None:
     path = tmp_path / "camera.toml"
     path.write_text(replace(SHIPPED["ideal"], latency_s=0.083).to_toml(), encoding="utf-8")
-    setups = Evaluation(robot="go1", grid="line", camera=str(path), course=FLAT).setups((3, 4))
+    setups = EvaluationSettings(robot="go1", grid="line", camera=str(path), course=FLAT).setups(
+        (3, 4)
+    )
     assert [setup.profile.camera_chain.latency.latency for setup in setups] == [0.083, 0.083]
 
 

@@ -18,10 +18,10 @@ from saltus.dialects import DIALECTS, Dialect
 from saltus.errors import ConfigError, ModelError
 from saltus.grid import SCAN
 from saltus.onnx_export import write_onnx
-from saltus.policy.joints.description import Part, PolicyDescription
+from saltus.policy.joints.description import ObservationPart, PolicyDescription
 from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.joints.walker import RISE_NS, Walker
-from saltus.policy.mover import Decision
+from saltus.policy.mover import PlannerDecision
 from saltus.robots.robot import JOINTS
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.states import standing_state
@@ -64,7 +64,7 @@ def drawn_description(rng: np.random.Generator) -> PolicyDescription:
     """All parts but heights in any order, scaled, clipped, with joints in any order."""
     names = rng.permutation(list(SIZES))
     parts = [
-        Part(
+        ObservationPart(
             name=str(name),
             scale=float(rng.uniform(0.1, 3.0))
             if rng.random() < 0.5
@@ -77,7 +77,7 @@ def drawn_description(rng: np.random.Generator) -> PolicyDescription:
     places = [JOINTS.index(name.removesuffix("_joint")) for name in order]
     return replace(
         OURS,
-        observation=(*parts, Part(name="heights")),
+        observation=(*parts, ObservationPart(name="heights")),
         joints=tuple(order),
         pose_rad=tuple((ROBOT.stand_pose + rng.uniform(-0.1, 0.1, 12))[places].tolist()),
         action_scale_rad=tuple(rng.uniform(0.1, 0.5, 12).tolist()),
@@ -147,7 +147,7 @@ def test_any_description_is_told_in_its_order_and_its_targets_are_ours(
     first = RISE_NS // STEP_NS + 1
     for step in [0, *range(first, first + 12, 2)]:
         now = state(step, rng, ControllerMode.WALK if step else ControllerMode.STAND)
-        plan = walker.plan(Decision(state=now, heights=heights, velocity=command))
+        plan = walker.plan(PlannerDecision(state=now, heights=heights, velocity=command))
         if not step:
             continue
         past.append(told_by_hand(described, now, action, heights, command))
@@ -182,7 +182,9 @@ def test_our_own_policy_told_as_somebody_elses_walks_the_same(tmp_path: Path) ->
              "angular_velocity")  # fmt: skip
     theirs = replace(
         OURS,
-        observation=tuple(Part(name=name, scale=scales.get(name, 1.0)) for name in names),
+        observation=tuple(
+            ObservationPart(name=name, scale=scales.get(name, 1.0)) for name in names
+        ),
         joints=tuple(BY_KIND),
         pose_rad=tuple(OURS.pose[places].tolist()),
         dialect=Dialect(outer_axis="x", offset_m=0.5, clip_m=1.0),
@@ -195,7 +197,7 @@ def test_our_own_policy_told_as_somebody_elses_walks_the_same(tmp_path: Path) ->
     for step in [0, *range(first, first + 40, 2)]:
         now = state(step, rng, ControllerMode.WALK if step else ControllerMode.STAND)
         heights = rng.normal(size=SCAN.size) * 0.1 - 0.3
-        decision = Decision(state=now, heights=heights, velocity=(0.5, 0.0, 0.1))
+        decision = PlannerDecision(state=now, heights=heights, velocity=(0.5, 0.0, 0.1))
         plans = [walker.plan(decision) for walker in (own, other)]
         np.testing.assert_allclose(plans[1].joint_position, plans[0].joint_position, atol=1e-4)
 
@@ -213,7 +215,10 @@ def test_the_example_is_a_description() -> None:
         ({"joints": ("FR_hip",) * 12}, "joints: 1 names"),
         ({"joints": (*JOINTS[:11], "RL_knee")}, "no joint 'RL_knee'"),
         ({"pose_rad": (0.0,) * 11}, "pose_rad: 11 numbers"),
-        ({"observation": (Part(name="gravity", scale=(1.0, 2.0)),)}, "gravity has 2 scales"),
+        (
+            {"observation": (ObservationPart(name="gravity", scale=(1.0, 2.0)),)},
+            "gravity has 2 scales",
+        ),
         ({"rate_hz": 500.0}, "rate_hz = 500"),
         ({"history": 0}, "history = 0"),
         ({"grid": "none"}, "none"),

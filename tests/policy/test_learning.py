@@ -12,14 +12,14 @@ from saltus.errors import ModelError, SaltusError
 from saltus.grid import LINE
 from saltus.policy.actor import PolicyActor
 from saltus.policy.bounds import ACTIONS, ActionBounds
-from saltus.policy.env.env import JumpEnv
-from saltus.policy.env.settings import LearningSettings, TrainSettings
-from saltus.policy.features import size_with
+from saltus.policy.env.jump_env import JumpEnv
+from saltus.policy.env.settings import JumpTrainSettings, LearningSettings
+from saltus.policy.policy_features import size_with
 from saltus.policy.training.export import export
 from saltus.policy.training.learner import FIRST_ACTION, JumpLearner, make_actor, rebase
 from saltus.policy.training.train import Rank, make_engine, train
 
-CONFIG = TrainSettings(
+CONFIG = JumpTrainSettings(
     robot="go1",
     grid="line",
     robots=16,

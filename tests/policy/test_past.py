@@ -20,25 +20,25 @@ from saltus.loop.loop import Loop
 from saltus.loop.planner import observe
 from saltus.onnx_export import round_to_half
 from saltus.policy.actor import PolicyActor
-from saltus.policy.env.env import JumpEnv
-from saltus.policy.env.settings import EnvSettings, LearningSettings, TrainSettings
-from saltus.policy.features import PROPRIOCEPTION_SIZE, RECALLED, read, size_with
+from saltus.policy.env.jump_env import JumpEnv
+from saltus.policy.env.settings import JumpEnvSettings, JumpTrainSettings, LearningSettings
+from saltus.policy.policy_features import PROPRIOCEPTION_SIZE, RECALLED, read, size_with
 from saltus.policy.training.export import DeployedPolicy, export, read_policy
 from saltus.policy.training.train import Rank, train
 from saltus.resources import resource
 from saltus.robots.legs import LegKinematics
 from saltus.sim.cpu_engine import CpuEngine
-from saltus.terrain.batch import BOXES
+from saltus.terrain.course_batch import BOXES
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
 
 STEPS = (1, 2, 5)
 N = 6
-CONFIG = TrainSettings(
+CONFIG = JumpTrainSettings(
     robot="go1",
     grid="line",
     robots=16,
-    env=EnvSettings(past_steps=STEPS),
+    env=JumpEnvSettings(past_steps=STEPS),
     learning=LearningSettings(hidden=(32, 16), horizon=4, epochs=1, minibatches=2),
 )
 

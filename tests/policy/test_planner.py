@@ -12,8 +12,8 @@ from saltus.errors import ConfigError, ModelError
 from saltus.grid import LINE
 from saltus.policy.actor import PolicyActor
 from saltus.policy.bounds import ActionBounds
-from saltus.policy.features import features, read, size_with
 from saltus.policy.planner import make_planner, warm_up
+from saltus.policy.policy_features import features, read, size_with
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.resources import resource
 

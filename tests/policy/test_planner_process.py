@@ -13,7 +13,7 @@ from saltus.arrays import Array
 from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.loop.planner import Observation, observe
 from saltus.plan import Plan
-from saltus.policy.mover import AT_REST, MOST_TURN_RPS, Decision, Jumper
+from saltus.policy.mover import AT_REST, MOST_TURN_RPS, Jumper, PlannerDecision
 from saltus.policy.process import LOST_NS, STAND_NS, PlannerProcess
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.robots.legs import LegKinematics
@@ -134,7 +134,7 @@ class Walking(Jumper):
         super().__init__(ROBOT, ScriptedPlanner(ROBOT, LINE), lambda _: OBSERVED)
         self._slow, self.asked = slows, AT_REST
 
-    def plan(self, decision: Decision) -> MotionPlan:
+    def plan(self, decision: PlannerDecision) -> MotionPlan:
         self.asked = decision.velocity
         return super().plan(decision)
 

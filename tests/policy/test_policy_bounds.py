@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from samples import KINEMATICS, ROBOT
 
-from saltus.controller.signals import YawFrameBody, observe
 from saltus.controller.swing import SwingLegs
+from saltus.controller.yaw_frame import YawFrameBody, observe
 from saltus.policy.bounds import ACTIONS, ActionBounds, plan_from_values, values_of
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.states import standing_state

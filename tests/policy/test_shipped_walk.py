@@ -6,7 +6,7 @@ from itertools import takewhile
 import numpy as np
 import pytest
 
-from saltus.controller.tick import CompiledTick
+from saltus.controller.tick import CompiledTickLaw
 from saltus.drive.wish import STAND, Wish
 from saltus.errors import ConfigError
 from saltus.grid import WALKING_GRID
@@ -33,7 +33,7 @@ def steps_of(robot: str, wish: Wish) -> Iterator[WalkStep]:
         [Walker(setup.robot, policy, places)],
         TrueHeightSource(setup),
         lambda time_s, _: wish if time_s < STOPS_S else STAND,
-        CompiledTick(setup.robot),
+        CompiledTickLaw(setup.robot),
     )
     return takewhile(lambda step: step.time_s < STOPS_S + 2.0, run)
 

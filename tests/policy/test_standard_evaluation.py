@@ -11,8 +11,8 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from saltus.grid import LINE
 from saltus.policy.env.curriculum import CurriculumSettings
-from saltus.policy.env.env import JumpEnv
-from saltus.policy.env.settings import EnvSettings, LearningSettings, TrainSettings
+from saltus.policy.env.jump_env import JumpEnv
+from saltus.policy.env.settings import JumpEnvSettings, JumpTrainSettings, LearningSettings
 from saltus.policy.training.background_evaluation import (
     BackgroundEvaluation,
     EvaluationRow,
@@ -28,11 +28,11 @@ from saltus.policy.training.training_record import TrainingRecord
 from saltus.terrain.curriculum import FAMILIES
 
 FLAT = CurriculumSettings(flat=1.0, stairs=0.0, stepping_stones=0.0, step=0.0, gap=0.0)
-CONFIG = TrainSettings(
+CONFIG = JumpTrainSettings(
     robot="go1",
     grid="line",
     robots=4,
-    env=EnvSettings(curriculum=FLAT),
+    env=JumpEnvSettings(curriculum=FLAT),
     learning=LearningSettings(hidden=(8,), horizon=2, epochs=1, minibatches=1),
 )
 ROW = EvaluationRow(

@@ -5,7 +5,7 @@ import pytest
 from samples import ROBOT
 
 from saltus.config import TerrainConfig
-from saltus.policy.evaluation.trace import STEP_S, Failure, Trace, failure_of
+from saltus.policy.evaluation.trial_trace import STEP_S, FailureKind, TrialTrace, failure_of
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import FIRST_EDGE_X, Terrain, build
 from saltus.trial import Outcome
@@ -16,11 +16,11 @@ GAP = make_terrain(TerrainConfig(terrain="gap", gap_m=0.5))
 FELL = Outcome(success=False, cause="trunk_contact", time_s=1.0, distance_m=1.0, mean_speed_mps=1.0)
 
 
-def standing(x: float = 0.0, *, loaded: bool = True, stance: bool = True) -> Trace:
+def standing(x: float = 0.0, *, loaded: bool = True, stance: bool = True) -> TrialTrace:
     """A robot whose feet stay on the ground at x."""
     flags = np.ones((STEPS, 4), dtype=np.bool_)
     foot = np.broadcast_to([x, 0.0, ROBOT.foot_radius], (STEPS, 4, 3)).copy()
-    return Trace(
+    return TrialTrace(
         pose=np.tile([x, 0.0, ROBOT.stand_height, 1.0, 0.0, 0.0, 0.0], (STEPS, 1)),
         joint_position=np.tile(ROBOT.stand_pose, (STEPS, 1)),
         heights=np.full((STEPS, 30), -ROBOT.stand_height),
@@ -30,13 +30,13 @@ def standing(x: float = 0.0, *, loaded: bool = True, stance: bool = True) -> Tra
     )
 
 
-def sliding() -> Trace:
+def sliding() -> TrialTrace:
     trace = standing()
     trace.foot[..., 0] += 0.5 * STEP_S * np.arange(STEPS)[:, None]
     return trace
 
 
-def going(terrain: Terrain, x: float, then_x: float, *, below: float = 0.0) -> Trace:
+def going(terrain: Terrain, x: float, then_x: float, *, below: float = 0.0) -> TrialTrace:
     """Stands at x, and for its last 0.2 s with its front feet on the ground elsewhere,
     or that far below it.
     """
@@ -52,7 +52,7 @@ def course(*pieces: tuple[float, float], last_top: float) -> Terrain:
     return build("course", {}, pieces, last_top=last_top, finish_behind=1.0)
 
 
-def astray() -> Trace:
+def astray() -> TrialTrace:
     trace = standing()
     trace.foot[-5:, 0, 1] = STAIRS.arrays.half_size[0, 1] + 0.01
     return trace
@@ -69,7 +69,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("failure", CASES)
-def test_every_cause_is_told_apart(failure: Failure) -> None:
+def test_every_cause_is_told_apart(failure: FailureKind) -> None:
     trace, terrain = CASES[failure]
     assert failure_of(ROBOT, FELL, trace, terrain) == failure
 

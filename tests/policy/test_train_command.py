@@ -25,10 +25,10 @@ from saltus.grid import LINE
 from saltus.model_file import ModelFile
 from saltus.policy.actor import PolicyActor
 from saltus.policy.bounds import ActionBounds
-from saltus.policy.env.env import JumpEnv
-from saltus.policy.env.settings import LearningSettings, TrainSettings, for_cpu
-from saltus.policy.features import size_with
-from saltus.policy.tables import read_table
+from saltus.policy.csv_tables import read_table
+from saltus.policy.env.jump_env import JumpEnv
+from saltus.policy.env.settings import JumpTrainSettings, LearningSettings, for_cpu
+from saltus.policy.policy_features import size_with
 from saltus.policy.training.checkpoint import NEEDED, config_of, read_checkpoint
 from saltus.policy.training.learner import JumpLearner
 from saltus.policy.training.train import make_engine
@@ -54,7 +54,7 @@ def leaves(config: Any, path: tuple[str, ...] = ()) -> list[tuple[tuple[str, ...
     ]
 
 
-FAMILY = leaves(TrainSettings(robot="go1", grid="line"))
+FAMILY = leaves(JumpTrainSettings(robot="go1", grid="line"))
 
 
 def other(value: Any) -> Any:
@@ -80,7 +80,7 @@ def table(path: tuple[str, ...], value: Any) -> dict[str, Any]:
     return value  # type: ignore[no-any-return]
 
 
-def changed(before: TrainSettings, now: TrainSettings) -> list[str]:
+def changed(before: JumpTrainSettings, now: JumpTrainSettings) -> list[str]:
     return [d.name for d in differences(table_of(before), table_of(now))]
 
 
@@ -100,7 +100,7 @@ def resumed(tmp_path: Path) -> Path:
 
 
 @pytest.fixture(params=["new", "goes on"])
-def begun(request: pytest.FixtureRequest, resumed: Path) -> tuple[TrainSettings, Train]:
+def begun(request: pytest.FixtureRequest, resumed: Path) -> tuple[JumpTrainSettings, Train]:
     """What a training begins with, and its command."""
     goes_on = request.param == "goes on"
     return (RESUMED if goes_on else for_cpu("go1", "line")), Train(
@@ -113,7 +113,7 @@ each_value = pytest.mark.parametrize("path", [path for path, _ in FAMILY], ids="
 
 @each_value
 def test_a_file_with_one_value_changes_that_value_alone(
-    path: tuple[str, ...], begun: tuple[TrainSettings, Train], tmp_path: Path
+    path: tuple[str, ...], begun: tuple[JumpTrainSettings, Train], tmp_path: Path
 ) -> None:
     before, command = begun
     new = other(at(before, path))
@@ -138,7 +138,7 @@ def test_a_flag_changes_its_value_alone(path: tuple[str, ...], resumed: Path) ->
 
 
 def check_changed(
-    before: TrainSettings, after: TrainSettings, path: tuple[str, ...], new: Any
+    before: JumpTrainSettings, after: JumpTrainSettings, path: tuple[str, ...], new: Any
 ) -> None:
     """This value is new, and no other."""
     assert (
@@ -150,7 +150,7 @@ def check_changed(
 
 
 def test_the_command_line_changes_nothing_of_a_file(
-    begun: tuple[TrainSettings, Train], tmp_path: Path
+    begun: tuple[JumpTrainSettings, Train], tmp_path: Path
 ) -> None:
     """Nor of what is resumed: values of all fields come through it as they are."""
     before, command = begun

@@ -13,24 +13,26 @@ from saltus.effects.profile import IDEAL
 from saltus.grid import LINE
 from saltus.loop.planner import observe
 from saltus.policy.env.curriculum import CurriculumSettings, difficulty, kinds_of_robots, next_level
-from saltus.policy.env.env import JumpEnv
+from saltus.policy.env.env_observations import PRIVILEGED
 from saltus.policy.env.episode import TALLY
+from saltus.policy.env.jump_env import JumpEnv
+from saltus.policy.env.jump_rewards import TERMS, JumpRewardSettings, reward_terms
 from saltus.policy.env.randomisation import RandomisationSettings
-from saltus.policy.env.rewards import TERMS, RewardSettings, reward_terms
-from saltus.policy.env.settings import EnvSettings
-from saltus.policy.env.views import PRIVILEGED
-from saltus.policy.features import features, layout, size_with
+from saltus.policy.env.settings import JumpEnvSettings
+from saltus.policy.policy_features import features, layout, size_with
 from saltus.rotations import rotation_matrix
 from saltus.sim.cpu_engine import CpuEngine
 from saltus.states import standing_state
-from saltus.terrain.batch import BOXES
-from saltus.terrain.law import KINDS
+from saltus.terrain.course_batch import BOXES
+from saltus.terrain.course_law import KINDS
 
 N = 20
 
 
 def make_env(seed=0, config=None):
-    return JumpEnv(CpuEngine(ROBOT, N, BOXES, threads=1), config or EnvSettings(), LINE, seed=seed)
+    return JumpEnv(
+        CpuEngine(ROBOT, N, BOXES, threads=1), config or JumpEnvSettings(), LINE, seed=seed
+    )
 
 
 def bound(env):
@@ -56,7 +58,7 @@ def test_observations_and_rewards_are_finite_and_of_their_sizes(driven):
 
 
 def test_joints_that_near_their_rated_speed_cost_ever_more_and_others_nothing():
-    env = make_env(config=EnvSettings(reward=RewardSettings(joint_speed=1.0)))
+    env = make_env(config=JumpEnvSettings(reward=JumpRewardSettings(joint_speed=1.0)))
     shares = torch.linspace(0.0, 1.4, 29)
     costs = []
     for share in shares.tolist():
@@ -93,7 +95,7 @@ def test_the_same_seed_gives_the_same_run():
 
 def test_the_policy_is_shown_what_the_deployed_stack_shows_it():
     exact = RandomisationSettings(height_shift_m=(0.0, 0.0), height_noise_m=0.0)
-    env = make_env(config=EnvSettings(randomisation=exact))
+    env = make_env(config=JumpEnvSettings(randomisation=exact))
     for _ in range(15):
         transition = env.step(bound(env))
     memory, qpos, qvel = env.memory, np.array(env._engine.qpos), np.array(env._engine.qvel)
@@ -126,7 +128,9 @@ def test_a_delay_of_plans_by_whole_steps_is_a_policy_that_answers_later(steps):
     runs = []
     for delay_s, late in ((0.010 * steps, 0), (0.0, steps)):
         env = make_env(
-            config=EnvSettings(randomisation=RandomisationSettings(plan_delay_s=(delay_s, delay_s)))
+            config=JumpEnvSettings(
+                randomisation=RandomisationSettings(plan_delay_s=(delay_s, delay_s))
+            )
         )
         for k in range(12):
             assert not env.step(outputs[max(0, k - late)]).done.any()
@@ -140,7 +144,9 @@ def test_each_two_milliseconds_of_delay_change_what_is_obeyed():
     for ticks in range(6):
         delay_s = 0.002 * ticks
         env = make_env(
-            config=EnvSettings(randomisation=RandomisationSettings(plan_delay_s=(delay_s, delay_s)))
+            config=JumpEnvSettings(
+                randomisation=RandomisationSettings(plan_delay_s=(delay_s, delay_s))
+            )
         )
         for k in range(8):
             env.step(bound(env) * (-1.0) ** k)
@@ -207,7 +213,7 @@ def test_ramps_are_trained_on_up_and_down():
     curriculum = CurriculumSettings(**none, own={"ramp_up": 1.0, "ramp_down": 1.0})
     env = JumpEnv(
         CpuEngine(ROBOT, N, curriculum.boxes, threads=1),
-        EnvSettings(curriculum=curriculum),
+        JumpEnvSettings(curriculum=curriculum),
         LINE,
         seed=0,
     )
@@ -249,7 +255,7 @@ def test_a_share_of_courses_is_of_any_level(share):
 
 
 def test_levels_can_be_set():
-    env = make_env(config=replace(EnvSettings(), curriculum=CurriculumSettings(stairs=1.0)))
+    env = make_env(config=replace(JumpEnvSettings(), curriculum=CurriculumSettings(stairs=1.0)))
     env.set_levels(torch.full((N,), 7.0))
     for _ in range(5):
         env.step(bound(env))
@@ -258,7 +264,7 @@ def test_levels_can_be_set():
 
 def test_robots_that_are_told_to_stand_do_so_and_then_begin_to_step():
     quiet = RandomisationSettings(torque_period_s=1e9, push_mps=0.0, pitch_torque_nm=0.0)
-    env = make_env(config=EnvSettings(randomisation=quiet))
+    env = make_env(config=JumpEnvSettings(randomisation=quiet))
     env.standing[: N // 2] = True
     for _ in range(60):
         env.step(bound(env))
@@ -281,7 +287,7 @@ def test_the_leg_controller_knows_the_drives_of_its_profile(tmp_path):
         ("unknown", weak, IDEAL),
     ):
         (tmp_path / f"{name}.toml").write_text(profile.to_toml())
-        env = make_env(config=EnvSettings(profile=str(tmp_path / f"{name}.toml")))
+        env = make_env(config=JumpEnvSettings(profile=str(tmp_path / f"{name}.toml")))
         if known is not profile:
             env._law._compensation = compensation_of(known, ROBOT)
         tracks[name] = []

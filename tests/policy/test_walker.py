@@ -13,11 +13,11 @@ from saltus.errors import ModelError
 from saltus.policy.joints.footing import BEARS_NS, LONGEST_NS
 from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.joints.walker import RISE_NS, STOP_NS, Walker
-from saltus.policy.mover import AT_REST, Decision
+from saltus.policy.mover import AT_REST, PlannerDecision
 from saltus.policy.walking.description import SIZE
-from saltus.policy.walking.env import WalkEnv
 from saltus.policy.walking.settings import GroundSettings, WalkSettings, WalkTrainSettings
 from saltus.policy.walking.train import make_engine
+from saltus.policy.walking.walk_env import WalkEnv
 from saltus.robots.loading import load_robot
 from saltus.states import standing_state
 from saltus.wire.messages import ControllerMode, RobotState
@@ -55,7 +55,7 @@ def risen(walker: Walker, velocity=AHEAD) -> int:
     steps = RISE_NS // STEP_NS + 1
     for step in range(steps):
         mode = ControllerMode.WALK if step else ControllerMode.STAND
-        walker.plan(Decision(state=state(step, mode), heights=LEVEL, velocity=velocity))
+        walker.plan(PlannerDecision(state=state(step, mode), heights=LEVEL, velocity=velocity))
     return steps
 
 
@@ -76,7 +76,7 @@ def test_robot_and_training_make_the_same_vector_of_the_same_robot(policy: Noted
             joint_position=qpos[robot, 7:],
             joint_velocity=qvel[robot, 6:],
         )
-        walker.plan(Decision(state=known, heights=LEVEL, velocity=tuple(told)))
+        walker.plan(PlannerDecision(state=known, heights=LEVEL, velocity=tuple(told)))
         np.testing.assert_allclose(policy.given[-1][:45], expected[:45], atol=1e-5)
         np.testing.assert_allclose(policy.given[-1][45:], 0.3 - 0.5, atol=1e-6)
 
@@ -88,7 +88,7 @@ def test_it_gets_up_to_its_pose_and_holds_still_until_the_controller_follows(
     policy.given.clear()
     for step in range(5):  # not followed yet
         held = walker.plan(
-            Decision(
+            PlannerDecision(
                 state=state(step, ControllerMode.STAND, joint_position=away),
                 heights=LEVEL,
                 velocity=AHEAD,
@@ -98,7 +98,7 @@ def test_it_gets_up_to_its_pose_and_holds_still_until_the_controller_follows(
     distances = []
     for step in range(5, 4 + RISE_NS // STEP_NS):
         plan = walker.plan(
-            Decision(state=state(step, joint_position=away), heights=LEVEL, velocity=AHEAD)
+            PlannerDecision(state=state(step, joint_position=away), heights=LEVEL, velocity=AHEAD)
         )
         distances.append(np.abs(plan.joint_position - OURS.pose).max())
     assert (np.diff(distances) <= 0.0).all()
@@ -117,7 +117,7 @@ def test_the_policy_is_asked_at_its_rate_however_often_states_come(
     first = risen(walker)
     policy.given.clear()
     for step in range(first, first + 100, every):
-        walker.plan(Decision(state=state(step), heights=LEVEL, velocity=AHEAD))
+        walker.plan(PlannerDecision(state=state(step), heights=LEVEL, velocity=AHEAD))
     assert abs(len(policy.given) - asked) <= 1
 
 
@@ -129,7 +129,7 @@ def test_targets_are_the_pose_and_the_scaled_action_and_the_next_vector_has_it(
     walker = Walker(ROBOT, policy)
     first = risen(walker)
     for step in range(first, first + 6):
-        plan = walker.plan(Decision(state=state(step), heights=LEVEL, velocity=AHEAD))
+        plan = walker.plan(PlannerDecision(state=state(step), heights=LEVEL, velocity=AHEAD))
     np.testing.assert_allclose(plan.joint_position, OURS.pose + 0.25 * action, atol=1e-6)
     np.testing.assert_allclose(policy.given[-1][33:45], action, atol=1e-6)
     np.testing.assert_allclose(policy.given[-1][6:9], AHEAD, atol=1e-6)
@@ -139,7 +139,7 @@ def test_commands_beyond_what_was_trained_are_cut_off(policy: Noted) -> None:
     for velocity in ((9.0, 9.0, 9.0), (-9.0, -9.0, -9.0)):
         walker = Walker(ROBOT, policy)
         step = risen(walker, velocity)
-        walker.plan(Decision(state=state(step + 2), heights=LEVEL, velocity=velocity))
+        walker.plan(PlannerDecision(state=state(step + 2), heights=LEVEL, velocity=velocity))
         end = OURS.command_high if velocity[0] > 0.0 else OURS.command_low
         np.testing.assert_allclose(policy.given[-1][6:9], end, atol=1e-6)
 
@@ -155,7 +155,7 @@ def test_it_comes_to_a_stand_before_it_rests_and_not_later_than_said(
     }
     first = step = risen(walker)
     while walker.slows(state(step, **known)):
-        walker.plan(Decision(state=state(step, **known), heights=LEVEL, velocity=AT_REST))
+        walker.plan(PlannerDecision(state=state(step, **known), heights=LEVEL, velocity=AT_REST))
         step += 1
     least, most = (ns // STEP_NS for ns in STOP_NS)
     expected = least + BEARS_NS // STEP_NS if speed < 0.15 else most + LONGEST_NS // STEP_NS

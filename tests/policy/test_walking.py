@@ -19,19 +19,19 @@ from saltus.policy.joints.observation import ObservationMaker, WalkerReadings, g
 from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.training.learner import Learner
 from saltus.policy.training.train import Rank
+from saltus.policy.walking.course_field import MISSED_M, REACH_M, CourseField, in_trench
 from saltus.policy.walking.description import LAYOUT, SIZE, description_of, walking_pose
-from saltus.policy.walking.env import PRIVILEGED, WalkEnv
 from saltus.policy.walking.evaluation import evaluate
 from saltus.policy.walking.export import DeployedWalk, make_actor
-from saltus.policy.walking.ground import MISSED_M, REACH_M, CourseField, in_trench
 from saltus.policy.walking.scan_errors import ScanErrors
 from saltus.policy.walking.settings import (
     GroundSettings,
-    ScanSettings,
+    ScanErrorSettings,
     WalkSettings,
     WalkTrainSettings,
 )
 from saltus.policy.walking.train import make_engine, train
+from saltus.policy.walking.walk_env import PRIVILEGED, WalkEnv
 from saltus.resources import resource
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
@@ -115,7 +115,7 @@ def test_the_card_says_how_the_vector_is_made_and_the_file_is_the_network(model)
 def test_observations_are_what_the_engine_and_the_ground_say():
     exact = replace(
         CONFIG.env,
-        scan=ScanSettings(image_hz=50.0, seen_m=0.0, unseen=0.0, shift_m=0.0),
+        scan=ScanErrorSettings(image_hz=50.0, seen_m=0.0, unseen=0.0, shift_m=0.0),
         sensors=replace(CONFIG.env.sensors, **dict.fromkeys(
             ("angular_velocity", "gravity", "joint_position", "joint_velocity"), 0.0)),
     )  # fmt: skip
@@ -237,7 +237,7 @@ def test_a_foot_missed_where_it_is_low_between_two_edges_and_not_on_a_step_down(
 
 
 def test_errors_of_heights_have_the_stated_spread_and_vanish_on_flat_ground():
-    config = ScanSettings(shift_m=0.0)
+    config = ScanErrorSettings(shift_m=0.0)
     scan, rng, n = ScanErrors(config), np.random.default_rng(6), 400
     every = np.ones(n, dtype=bool)
     error = scan.changed(np.zeros((n, 187)), every, every, rng.uniform(size=(n, 187)))
@@ -254,7 +254,7 @@ def test_errors_of_heights_have_the_stated_spread_and_vanish_on_flat_ground():
 
 @pytest.mark.parametrize("change_m", [0.1, 0.3, 1.0])
 def test_errors_of_heights_stay_where_a_robot_stands_and_change_with_its_way(change_m):
-    scan, rng, n = ScanErrors(ScanSettings(change_m=change_m)), np.random.default_rng(6), 400
+    scan, rng, n = ScanErrors(ScanErrorSettings(change_m=change_m)), np.random.default_rng(6), 400
     none = np.zeros(n, dtype=bool)
     begun = error = rng.uniform(-1.0, 1.0, size=(n, 187))
     pose = start = rng.normal(size=(n, 4))
@@ -274,14 +274,14 @@ def test_errors_of_heights_stay_where_a_robot_stands_and_change_with_its_way(cha
 
 
 def test_a_robot_that_only_turns_moves_the_points_of_its_scan():
-    scan, zero = ScanErrors(ScanSettings()), np.zeros((2, 4))
+    scan, zero = ScanErrors(ScanErrorSettings()), np.zeros((2, 4))
     turned = np.array([[0.0, 0.0, 0.0, 0.05], [0.0, 0.0, 0.0, 0.15]])
     assert both(scan.moved, turned, zero).tolist() == [False, True]
 
 
 @pytest.mark.parametrize("rate", [10.0, 30.0, 50.0])
 def test_images_arrive_at_their_rate(rate):
-    scan, phase, count = ScanErrors(ScanSettings(image_hz=rate)), np.array([0.3]), 0
+    scan, phase, count = ScanErrors(ScanErrorSettings(image_hz=rate)), np.array([0.3]), 0
     for _ in range(500):
         phase, arrives = scan.arrives(phase)
         count += int(arrives[0])

@@ -16,8 +16,8 @@ from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.errors import ConfigError
 from saltus.grid import WALKING_GRID
 from saltus.policy.evaluation.walking_errands import STOP_WITHIN_M, stop
-from saltus.policy.evaluation.walking_jumps import JUMPED, Angles, jump, jumped_ground
-from saltus.policy.evaluation.walking_trials import Task, WalkTrials
+from saltus.policy.evaluation.walking_jumps import JUMPED, JumpAngles, jump, jumped_ground
+from saltus.policy.evaluation.walking_trials import WalkTrials, WalkTrialTask
 from saltus.policy.evaluation.walks import Operator, TrueHeightSource, WalkStep
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.terrain import FIRST_EDGE_X, RUN_OUT, TRENCH_DEPTH
@@ -85,7 +85,7 @@ class Obedient:
 
 @pytest.mark.parametrize("heading", [-20.0, 0.0, 10.0])
 def test_the_error_of_a_heading_is_what_a_robot_lacks_of_the_turn(heading: float) -> None:
-    angles = Angles(heading_deg=heading)
+    angles = JumpAngles(heading_deg=heading)
     for share in (1.0, 0.8):
         done = jump(Obedient(share).run, 0, angles, 6.0)
         assert not done.cause
@@ -97,7 +97,7 @@ def test_the_error_of_a_heading_is_what_a_robot_lacks_of_the_turn(heading: float
 def test_a_ground_is_crossed_in_the_direction_in_which_it_leads(
     degrees: float, share: float
 ) -> None:
-    done = jump(Obedient().run, 0, Angles(askew_deg=degrees), 3.0)
+    done = jump(Obedient().run, 0, JumpAngles(askew_deg=degrees), 3.0)
     assert done.figures["time_s"] == pytest.approx(3.0 / SPEED_MPS / share, rel=0.05)
 
 
@@ -106,7 +106,7 @@ def test_a_ground_is_crossed_in_the_direction_in_which_it_leads(
     [({"touched": True}, "trunk_contact"), ({"mode": ControllerMode.STOPPED}, "stopped")],
 )
 def test_a_robot_that_cannot_go_on_has_failed(change: dict[str, Any], cause: str) -> None:
-    assert jump(Obedient(**change).run, 0, Angles(), 3.0).cause == cause
+    assert jump(Obedient(**change).run, 0, JumpAngles(), 3.0).cause == cause
 
 
 def test_who_slides_on_for_more_than_a_metre_has_not_stopped() -> None:
@@ -122,8 +122,10 @@ def test_who_slides_on_for_more_than_a_metre_has_not_stopped() -> None:
 def test_a_robot_as_it_is_deployed_turns_while_it_jumps(robot: str, heading: float) -> None:
     trials = WalkTrials(
         robot=robot, grid=WALKING_GRID, model=walking_path(robot).resolve(),
-        angles=Angles(heading_deg=heading),
+        angles=JumpAngles(heading_deg=heading),
     )  # fmt: skip
-    (done,) = Task(kind="jump", ground="plain", seeds=(7,), source=TrueHeightSource).run(trials)
+    (done,) = WalkTrialTask(kind="jump", ground="plain", seeds=(7,), source=TrueHeightSource).run(
+        trials
+    )
     assert not done.cause
     assert vars(done)["figures"]["heading_deg"] < 4.0

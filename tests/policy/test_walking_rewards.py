@@ -11,11 +11,11 @@ from saltus.policy.evaluation.tracking import tracking_errors
 from saltus.policy.walking import commands
 from saltus.policy.walking.commands import draw_command, followed, in_command_frame
 from saltus.policy.walking.evaluation import SETTLING, STRIDE
-from saltus.policy.walking.rewards import TERMS, RewardInputs, reward_terms
 from saltus.policy.walking.settings import (
-    CommandSettings,
-    RewardSettings,
+    VelocityCommandSettings,
+    WalkRewardSettings,
 )
+from saltus.policy.walking.walk_rewards import TERMS, WalkRewardInputs, reward_terms
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 
 OTHER_SIDE = [1, 0, 3, 2]
@@ -43,7 +43,7 @@ def test_a_velocity_is_told_in_the_level_frame_that_turns_with_the_base():
 
 
 def test_commands_stay_within_their_ranges_on_either_kind_of_ground():
-    config = CommandSettings()
+    config = VelocityCommandSettings()
     draws = np.random.default_rng(1).uniform(size=(2000, commands.DRAWS.count))
     for wide, ahead, aside, turn in (
         (True, config.ahead_mps, config.aside_mps, config.turn_rps),
@@ -57,7 +57,7 @@ def test_commands_stay_within_their_ranges_on_either_kind_of_ground():
 
 
 def test_who_is_to_stand_is_asked_for_nothing_and_others_turn_towards_their_way():
-    config, yaw = CommandSettings(), np.linspace(-2.5, 2.5, 13)
+    config, yaw = VelocityCommandSettings(), np.linspace(-2.5, 2.5, 13)
     drawn, narrow = np.tile([0.5, 0.1, 0.2], (13, 1)), np.zeros(13, dtype=bool)
     command = followed(config, drawn, narrow, yaw > 2.0, 0.0 * yaw, yaw)
     assert not command[yaw > 2.0].any()
@@ -80,7 +80,7 @@ def inputs(n=40, seed=2):
     flags["foot_missed"] = (n, 4)
     values |= {name: rng.uniform(size=shape) < 0.5 for name, shape in flags.items()}
     values["command"][: n // 4] *= 0.01
-    return RewardInputs(**values)
+    return WalkRewardInputs(**values)
 
 
 def in_a_mirror(given):
@@ -101,27 +101,27 @@ def in_a_mirror(given):
 
 
 def test_every_term_is_the_same_in_a_mirror_and_in_torch():
-    given, config = inputs(), RewardSettings()
+    given, config = inputs(), WalkRewardSettings()
     terms = reward_terms(config, given)
     assert terms.shape == (40, len(TERMS))
     np.testing.assert_allclose(reward_terms(config, in_a_mirror(given)), terms, atol=1e-12)
     tensors = {f.name: torch.as_tensor(getattr(given, f.name)) for f in fields(given)}
     np.testing.assert_allclose(
-        reward_terms(config, RewardInputs(**tensors)).numpy(), terms, atol=1e-12
+        reward_terms(config, WalkRewardInputs(**tensors)).numpy(), terms, atol=1e-12
     )
 
 
 def test_each_term_has_its_weight_and_none_rewards_a_worse_velocity():
     given = inputs()
     for name in TERMS:
-        alone = RewardSettings(**(dict.fromkeys(TERMS, 0.0) | {name: 1.0}))
+        alone = WalkRewardSettings(**(dict.fromkeys(TERMS, 0.0) | {name: 1.0}))
         terms = reward_terms(alone, given)
         assert terms[:, TERMS.index(name)].any()
         assert not np.delete(terms, TERMS.index(name), axis=1).any()
     step = np.array([0.1, 0.0, 0.0]) * np.sign(given.velocity - given.command)
     worse = replace(given, velocity=given.velocity + step)
     column = TERMS.index("linear_velocity")
-    config = RewardSettings()
+    config = WalkRewardSettings()
     assert (reward_terms(config, worse)[:, column] <= reward_terms(config, given)[:, column]).all()
 
 

@@ -15,11 +15,11 @@ from walking_policies import put_policy
 
 from saltus.config import TerrainConfig
 from saltus.constants import POLICY_DT
-from saltus.controller.tick import CompiledTick
+from saltus.controller.tick import CompiledTickLaw
 from saltus.drive.wish import Wish
 from saltus.errors import ConfigError
 from saltus.policy.evaluation import walking_trials as trials
-from saltus.policy.evaluation.walking_conditions import Conditions
+from saltus.policy.evaluation.walking_conditions import WalkConditions
 from saltus.policy.evaluation.walking_errands import LINE_M, LINE_RAD, follow, line, stop
 from saltus.policy.evaluation.walking_grounds import (
     DRILL_GROUNDS,
@@ -90,7 +90,11 @@ class Kinematic:
         )
         walker = Walker(setup.robot, JointPolicy(model))
         steps = walk(
-            setup, [walker], TrueHeightSource(setup), lambda *_: Wish(), CompiledTick(setup.robot)
+            setup,
+            [walker],
+            TrueHeightSource(setup),
+            lambda *_: Wish(),
+            CompiledTickLaw(setup.robot),
         )
         self._truth, self._error, self._stops_s = next(steps).truth, np.array(error), stops_s
 
@@ -194,9 +198,9 @@ def test_there_is_ground_at_all_goals_of_a_route_and_it_is_as_long_as_said(
 
 
 def test_conditions_change_what_they_name_and_nothing_else() -> None:
-    changed = Conditions(friction=0.4, camera_late_s=0.15).trial(5)
+    changed = WalkConditions(friction=0.4, camera_late_s=0.15).trial(5)
     assert changed == replace(Trial.draw(5), friction=0.4, camera_delay_s=0.15)
-    assert Conditions(push_ns=20.0).trial(5) == Trial.draw(5)
+    assert WalkConditions(push_ns=20.0).trial(5) == Trial.draw(5)
 
 
 def test_a_push_gives_the_trunk_its_impulse(tmp_path: Path) -> None:
@@ -208,7 +212,7 @@ def test_a_push_gives_the_trunk_its_impulse(tmp_path: Path) -> None:
     def aside(push_ns: float) -> float:
         steps = walk(
             setup, [walker], TrueHeightSource(setup), lambda *_: Wish(),
-            CompiledTick(setup.robot), push_ns,
+            CompiledTickLaw(setup.robot), push_ns,
         )  # fmt: skip
         return max(abs(step.truth.velocity_base_in_world[1]) for step in islice(steps, 30))
 
@@ -229,7 +233,11 @@ def test_a_robot_as_it_is_deployed_gets_up_and_holds_its_pose(tmp_path: Path) ->
     steps = list(
         islice(
             walk(
-                setup, [walker], TrueHeightSource(setup), lambda *_: told, CompiledTick(setup.robot)
+                setup,
+                [walker],
+                TrueHeightSource(setup),
+                lambda *_: told,
+                CompiledTickLaw(setup.robot),
             ),
             200,
         )

@@ -11,26 +11,26 @@ from samples import ROBOT
 from saltus.errors import ConfigError
 from saltus.grid import LINE
 from saltus.policy.env.curriculum import CurriculumSettings
-from saltus.policy.env.env import JumpEnv
+from saltus.policy.env.env_observations import PRIVILEGED
+from saltus.policy.env.jump_env import JumpEnv
 from saltus.policy.env.randomisation import SOFT_RUBBER, RandomisationSettings, WideSettings
-from saltus.policy.env.settings import EnvSettings
-from saltus.policy.env.views import PRIVILEGED
-from saltus.policy.features import size_with
-from saltus.sim import scene
+from saltus.policy.env.settings import JumpEnvSettings
+from saltus.policy.policy_features import size_with
+from saltus.sim import robot_model
 from saltus.sim.cpu_engine import CpuEngine
 from saltus.sim.engine import Engine
-from saltus.sim.layout import BASE_DOF
+from saltus.sim.model_layout import BASE_DOF
 from saltus.sim.warp_engine import WarpEngine
-from saltus.terrain.batch import BOXES
-from saltus.terrain.law import KINDS
+from saltus.terrain.course_batch import BOXES
+from saltus.terrain.course_law import KINDS
 
 N = 44
 EVERYWHERE = CurriculumSettings(**dict.fromkeys(KINDS, 1.0))
 ALL = WideSettings(share=1.0)
 
 
-def config(wide: WideSettings) -> EnvSettings:
-    return EnvSettings(randomisation=RandomisationSettings(wide=wide), curriculum=EVERYWHERE)
+def config(wide: WideSettings) -> JumpEnvSettings:
+    return JumpEnvSettings(randomisation=RandomisationSettings(wide=wide), curriculum=EVERYWHERE)
 
 
 def env_of(wide: WideSettings, engine: Engine | None = None, seed: int = 0) -> JumpEnv:
@@ -109,9 +109,9 @@ def test_the_engine_gets_what_was_drawn(kind: type[Engine]) -> None:
     soft, foot = env.memory.softness.numpy()[:, None], layout.robot.stop - 1
     usual, rubber = np.array(tuple(SOFT_RUBBER.values())).T
     assert usual[:3].tolist() == [
-        scene.CONTACT_SOLREF[0],
-        scene.CONTACT_SOLIMP[0],
-        scene.CONTACT_SOLIMP[2],
+        robot_model.CONTACT_SOLREF[0],
+        robot_model.CONTACT_SOLIMP[0],
+        robot_model.CONTACT_SOLIMP[2],
     ]
     contact = (
         field("geom_solref")[:, foot, :1],

@@ -20,8 +20,8 @@ import zenoh
 
 from saltus.cli.main import main
 from saltus.errors import ConfigError, StackError
+from saltus.wire.certificates import create, issue, load, revoke
 from saltus.wire.joining import open_session
-from saltus.wire.keys import create, issue, load, revoke
 from saltus.wire.roles import LISTENERS, PROCESSES, ROLES
 from saltus.wire.topics import SHARED, TOPICS
 

@@ -10,7 +10,7 @@ import psutil
 import zenoh
 from limits import file_numbers_below
 
-from saltus.wire.keys import create, network_of
+from saltus.wire.certificates import create, network_of
 from saltus.wire.router import open_router
 
 FILES, STRANGERS = 256, 400

@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.signal import lfilter
 
 from saltus.arrays import Floats
-from saltus.recordings.run_log import DepthTable, JointTable, RunLog, Table
+from saltus.recordings.run_log import DepthTable, JointTable, LogTable, RunLog
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 
 HEIGHT, WIDTH, FOCAL = 48, 64, 40.0
@@ -103,7 +103,7 @@ def camera_log(recipe: Recipe) -> RunLog:
         joints=JointTable(
             time_s=joints_s, q=np.zeros((len(joints_s), 12)), q_des=np.zeros((len(joints_s), 12))
         ),
-        base=Table(time_s=base_s, values=base),
+        base=LogTable(time_s=base_s, values=base),
         depth=DepthTable(
             arrival_s=arrival_s[kept],
             capture_s=capture_s[kept] if recipe.has_capture else None,

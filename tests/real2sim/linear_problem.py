@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.problem import Candidate, Problem, Segment, Unknown
+from saltus.real2sim.problem.problem import Candidate, LogSegment, Problem, Unknown
 
 WHERES = ("hip", "thigh")
 SEGMENTS, ROWS, ROW_S = 6, 200, 0.01
@@ -50,7 +50,7 @@ class LinearProblem(Problem):
         )
         length = ROWS * ROW_S
         self.segments = tuple(
-            Segment(
+            LogSegment(
                 name=f"s{i}", start_s=i * length, end_s=(i + 1) * length, condition=f"c{i // 2}"
             )
             for i in range(SEGMENTS)

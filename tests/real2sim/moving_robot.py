@@ -12,7 +12,7 @@ from samples import ROBOT
 from benchmarks.landing import TICK_NS, true_heightmap
 from saltus.config import RunConfig, TerrainConfig
 from saltus.constants import POLICY_STEPS
-from saltus.controller.loop import ControlLoop
+from saltus.controller.control_loop import ControlLoop
 from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.depth import MODEL_CAMERA
 from saltus.depth_camera import load_camera

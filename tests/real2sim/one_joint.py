@@ -8,7 +8,7 @@ import numpy as np
 
 from saltus.arrays import Floats
 from saltus.real2sim.problem.joints.candidates import KINDS
-from saltus.real2sim.problem.problem import Candidate, Problem, Segment, Unknown
+from saltus.real2sim.problem.problem import Candidate, LogSegment, Problem, Unknown
 
 KP, KD, INERTIA, GRAVITY = 20.0, 0.5, 0.02, 1.5  # a joint of a Go1's class
 STEP_S, ROWS_EVERY, WINDOW_S = 0.004, 4, 1.0
@@ -110,7 +110,7 @@ class OneJoint(Problem):
         self._fast = fast
         self.candidates = tuple(c for c in self._all if c.effect not in without)
         self.segments = tuple(
-            Segment(
+            LogSegment(
                 name=m.name, start_s=i * SEGMENT_S, end_s=(i + 1) * SEGMENT_S, condition=m.condition
             )
             for i, m in enumerate(MOTIONS)

@@ -13,7 +13,7 @@ from saltus.constants import PHYSICS_DT
 from saltus.effects.effect import Effect
 from saltus.effects.profile import IDEAL
 from saltus.joint_command import JointCommand
-from saltus.recordings.run_log import JointTable, RunLog, Table
+from saltus.recordings.run_log import JointTable, LogTable, RunLog
 from saltus.robots.robot import JOINTS
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.sim.plant import Plant
@@ -199,9 +199,9 @@ def _noisy(
     return RunLog(
         meta=meta,
         joints=joints,
-        imu=Table(time_s=time_s, values=imu),
-        base=Table(time_s=time_s, values=motion) if base else None,
-        feet=Table(time_s=time_s, values=np.round(feet)),
+        imu=LogTable(time_s=time_s, values=imu),
+        base=LogTable(time_s=time_s, values=motion) if base else None,
+        feet=LogTable(time_s=time_s, values=np.round(feet)),
     )
 
 

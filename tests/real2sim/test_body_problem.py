@@ -23,7 +23,7 @@ from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.sensors import SENSORS, carried_by
 from saltus.real2sim.stacked_problem import NOT_HELD, RebasedProblem
 from saltus.recordings.run_log import RunLog
-from saltus.sim.free_robots import Solver
+from saltus.sim.free_robots import ContactSolver
 
 STAND = (Motion(name="stand", duration_s=0.7),)
 SHORT = (
@@ -118,14 +118,14 @@ def test_a_simulator_with_what_drives_have_leaves_noise(effect: Effect) -> None:
     "ground", [(1.0, 1.0, 0.0), (1.4, 1.0, 0.0), (3.5, 1.0, 0.0), (1.0, 0.3, 0.0), (1.0, 1.0, 0.02)]
 )
 def test_soft_or_slippery_ground_is_not_taken_for_another_way_to_compute_contacts(
-    true: Solver, ground: tuple[float, float, float], substeps: int
+    true: ContactSolver, ground: tuple[float, float, float], substeps: int
 ) -> None:
     """A wrong way explains as little on any ground, the right one less where the ground is a tenth
     off, and with another step of time nearly as much.
     """
     true = dataclasses.replace(true, substeps=substeps)
 
-    def squares(solver: Solver, others: np.ndarray) -> np.ndarray:
+    def squares(solver: ContactSolver, others: np.ndarray) -> np.ndarray:
         off = np.log((others + 0.01) / (np.array(ground) + 0.01))
         right = 1.0 + 100.0 * np.sum(off**2, axis=1)
         is_near = dataclasses.replace(solver, substeps=substeps) == true
@@ -140,7 +140,7 @@ def test_no_other_way_to_compute_contacts_is_taken_by_chance(seed: int) -> None:
     rng = np.random.default_rng(seed)
     left = {way: 2.0 * np.exp(0.03 * rng.standard_normal(9)) for way in GROUNDS}
 
-    def squares(solver: Solver, others: np.ndarray) -> np.ndarray:
+    def squares(solver: ContactSolver, others: np.ndarray) -> np.ndarray:
         return np.tile(left[dataclasses.replace(solver, substeps=1)], (len(others), 1))
 
     assert likeliest(squares) == GROUNDS[0]

@@ -5,8 +5,8 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.camera.data import frames_of
 from saltus.real2sim.problem.camera.edges import filled, plain_pixels, reach_px
+from saltus.real2sim.problem.camera.log_images import frames_of
 from saltus.real2sim.problem.camera.pixels import clip_guess
 from saltus.recordings.run_log import DepthTable
 

@@ -28,8 +28,8 @@ from saltus.arrays import Floats
 from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.profile import Profile
 from saltus.errors import RecordingError
-from saltus.real2sim.problem.camera.data import frames_of
 from saltus.real2sim.problem.camera.edges import edge_counts
+from saltus.real2sim.problem.camera.log_images import frames_of
 from saltus.real2sim.problem.camera.problem import CameraProblem
 from saltus.real2sim.problem.camera.rays import claimed_scenes
 from saltus.real2sim.sensors import SENSORS

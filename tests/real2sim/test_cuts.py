@@ -19,13 +19,18 @@ from saltus.effects.profile import IDEAL
 from saltus.real2sim.experiments.menu import EXPERIMENTS
 from saltus.real2sim.experiments.run import run
 from saltus.real2sim.pipeline import examine, judge
-from saltus.real2sim.reporting.words import drawn_lines, lines, next_steps
+from saltus.real2sim.reporting.verdict_text import drawn_lines, lines, next_steps
 from saltus.real2sim.results import Judgement
 from saltus.real2sim.screening.screen import LEAST_S, screen, until
-from saltus.real2sim.search.findings import Findings, FoundEffect, Interval, SignalGap
+from saltus.real2sim.search.findings import (
+    FoundEffect,
+    ParameterInterval,
+    SearchFindings,
+    SignalGap,
+)
 from saltus.real2sim.search.search import search
 from saltus.real2sim.sensors import NAMED_FROM_S, SENSORS, moving_s
-from saltus.real2sim.verdict import Gap, Missing, Verdict
+from saltus.real2sim.verdict import MissingData, ResidualGap, Verdict
 from saltus.recordings.recording import read_recording
 from saltus.recordings.run_log import RunLog, write_run_log
 from saltus.recordings.run_log_export import export_run_log
@@ -36,7 +41,7 @@ LENGTHS = (0.02, 0.05, 0.35, 0.7, 1.39, 3.9)
 EFFECT = FoundEffect(
     name="camera_latency",
     where="camera",
-    params={"latency": Interval(value=0.06, ci90=(0.05, 0.07), unit="s")},
+    params={"latency": ParameterInterval(value=0.06, ci90=(0.05, 0.07), unit="s")},
 )
 TESTED = SignalGap(signal="q", residuals=100, before=5.0, after=1.5, floor=1.0)
 
@@ -113,8 +118,8 @@ def test_no_finding_and_no_verdict_can_be_made_that_names_something_untested(rul
         with pytest.raises(ValueError, match="test"):
             Verdict(**claims)
         with pytest.raises(ValueError, match="test"):
-            Findings(problem="camera", **claims)
-    assert Findings(problem="camera", verdict=ruling, gaps=(TESTED,), **named)  # type: ignore[arg-type]
+            SearchFindings(problem="camera", **claims)
+    assert SearchFindings(problem="camera", verdict=ruling, gaps=(TESTED,), **named)
 
 
 @pytest.mark.sample(2)
@@ -234,8 +239,10 @@ def _judgement(log: RunLog, verdict: Verdict) -> Judgement:
 
 
 TOUR = "saltus real2sim experiments --run joint_tour "
-BRIEF = Missing(sensor="joints", why="0.35 s of motion; joints need 4 s", experiment="joint_tour")
-GAP = Gap(before=4.0, after=1.2, floor=1.0)
+BRIEF = MissingData(
+    sensor="joints", why="0.35 s of motion; joints need 4 s", experiment="joint_tour"
+)
+GAP = ResidualGap(before=4.0, after=1.2, floor=1.0)
 
 
 @pytest.mark.parametrize(
@@ -268,9 +275,11 @@ def test_the_terminal_says_the_word_the_values_and_the_next_command(
 
 def test_what_the_seed_of_a_run_drew_is_told_from_what_is_unknown(logs: dict[str, RunLog]) -> None:
     log, trial = logs["jumps"], Trial.draw(1)
-    latency = Interval(value=trial.camera_delay_s + 0.5 * POLICY_DT, ci90=(0.0, 0.1), unit="s")
+    latency = ParameterInterval(
+        value=trial.camera_delay_s + 0.5 * POLICY_DT, ci90=(0.0, 0.1), unit="s"
+    )
     drawn = replace(EFFECT, params={"latency": latency})
-    time_constant = Interval(value=0.004, ci90=(0.003, 0.005), unit="s")
+    time_constant = ParameterInterval(value=0.004, ci90=(0.003, 0.005), unit="s")
     lag = FoundEffect(name="actuator_lag", where="all", params={"time_constant": time_constant})
     late = replace(log, meta={**log.meta, "config": {**log.meta["config"], "profile": "go1"}})
     judgement = _judgement(

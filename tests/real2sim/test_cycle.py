@@ -26,17 +26,17 @@ from saltus.effects.motors import TorqueGain
 from saltus.effects.profile import EFFECTS, PARTS, load_profile
 from saltus.heightmap import collection, device_collection
 from saltus.heightmap.settings import ClosedLoop, DeviceCollection, ProcessorCollection
-from saltus.policy.evaluation.evaluate import Evaluation
+from saltus.policy.evaluation.evaluate import EvaluationSettings
 from saltus.policy.training import checkpoint
-from saltus.real2sim.cycle import choosing, elsewhere, finding, measuring, training, trials
+from saltus.real2sim.cycle import choosing, finding, measuring, remote_training, training, trials
 from saltus.real2sim.cycle.folder import CycleFolder
 from saltus.real2sim.cycle.hidden_and_found import rows_of
 from saltus.real2sim.cycle.report import write_cycle_report
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.experiments import motions
 from saltus.real2sim.experiments.menu import EXPERIMENTS
-from saltus.real2sim.patch import Applicability, Patch
-from saltus.real2sim.search.findings import FoundEffect, Interval
+from saltus.real2sim.patch import PatchRange, ProfilePatch
+from saltus.real2sim.search.findings import FoundEffect, ParameterInterval
 from saltus.robots.loading import load_robot
 
 pytestmark = pytest.mark.slow
@@ -84,7 +84,7 @@ def _small(short_calibration: None) -> Any:
         patch.setitem(EXPERIMENTS, "single_sine", sines)
         for course in trials.COURSES.keys() - {GAP}:
             patch.delitem(trials.COURSES, course)
-        patch.setattr(trials, "Evaluation", partial(Evaluation, time_limit_s=1.5))
+        patch.setattr(trials, "EvaluationSettings", partial(EvaluationSettings, time_limit_s=1.5))
         patch.setattr(gpu, "has_gpu", lambda: True)
         patch.setattr(device_collection, "collect", collect)
         patch.setattr(
@@ -159,15 +159,15 @@ def test_what_is_hidden_is_found_trained_with_and_measured(
 def test_what_is_taken_is_never_worse_on_its_worst_course() -> None:
     rng, pairs = np.random.default_rng(4), ("heightmap+policy", "heightmap", "policy", "")
 
-    def choice(table: dict[str, list[int]]) -> choosing.Choice:
+    def choice(table: dict[str, list[int]]) -> choosing.ModelChoice:
         tallies = {
             pair: {
-                course: choosing.Tally(successes=n, trials=3)
+                course: choosing.PairTally(successes=n, trials=3)
                 for course, n in zip("abc", row, strict=True)
             }
             for pair, row in table.items()
         }
-        return choosing.Choice(models={}, tallies=tallies)
+        return choosing.ModelChoice(models={}, tallies=tallies)
 
     for _ in range(200):
         table = {pair: rng.integers(0, 4, 3).tolist() for pair in pairs}
@@ -205,9 +205,12 @@ def test_drives_are_made_up_for_where_that_is_better(tmp_path: Path) -> None:
         folder.profile.write_text(found.to_toml())
         assert choosing.finds_drives(folder) == ("torque_gain" in found.effects)
         tallies = {
-            p: {GAP: choosing.Tally(successes=int(p == better), trials=1)} for p in ("drives", "")
+            p: {GAP: choosing.PairTally(successes=int(p == better), trials=1)}
+            for p in ("drives", "")
         }
-        folder.choice.write_text(json.dumps(asdict(choosing.Choice(models={}, tallies=tallies))))
+        folder.choice.write_text(
+            json.dumps(asdict(choosing.ModelChoice(models={}, tallies=tallies)))
+        )
         assert measuring.known_of(folder, "after") == str(after)
         assert measuring.known_of(folder, "before") == str(folder.known)
 
@@ -215,7 +218,7 @@ def test_drives_are_made_up_for_where_that_is_better(tmp_path: Path) -> None:
 def test_what_no_profile_can_have_is_said_and_the_rest_is_applied(tmp_path: Path) -> None:
     def found(name: str, **values: float) -> FoundEffect:
         params = {
-            key: Interval(value=value, ci90=(value, value), unit="Nm")
+            key: ParameterInterval(value=value, ci90=(value, value), unit="Nm")
             for key, value in values.items()
         }
         return FoundEffect(name=name, where="all", params=params)
@@ -226,7 +229,7 @@ def test_what_no_profile_can_have_is_said_and_the_rest_is_applied(tmp_path: Path
     )
     shipped = load_profile("shipped", load_robot("go1"))
     patch, folder = (
-        Patch(effects=effects, evidence=(), range=Applicability()),
+        ProfilePatch(effects=effects, evidence=(), range=PatchRange()),
         measuring.CycleFolder(tmp_path, ROBOT),
     )
     patched, (refused,) = finding.apply_what_can_be(patch, shipped, ROBOT)
@@ -330,7 +333,7 @@ def test_the_policy_is_trained_where_more_than_the_camera_differs(
     )
     beyond = part != "camera"
     assert training.differs_beyond_camera(folder) == beyond
-    elsewhere.export_training(
+    remote_training.export_training(
         folder, CycleSettings(loop=ClosedLoop(robot="go1", grid="line"), policy_minutes=3.0), away
     )
     script, driver = (
@@ -379,7 +382,7 @@ def test_a_curve_is_told_only_where_it_was_hidden(tmp_path: Path) -> None:
     )
     folder.found.mkdir()
     (folder.found / "patch.toml").write_text(
-        Patch(effects=(), evidence=(), range=Applicability()).to_toml()
+        ProfilePatch(effects=(), evidence=(), range=PatchRange()).to_toml()
     )
     (folder.found / "verdict.json").write_text(
         '{"verdict": "no_gap", "untestable": [], "misfits": [], "sets": []}'

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from linear_problem import WHERES, LinearProblem
 
-from saltus.real2sim.search.findings import Interval
+from saltus.real2sim.search.findings import ParameterInterval
 from saltus.real2sim.search.search import search
 
 BLOCKS = ("FR", "FL", "RR", "RL")
@@ -36,7 +36,7 @@ def test_kinds_of_joints_that_agree_are_stated_as_all() -> None:
 SIZE = 4.0
 
 
-def interval_of_another_shape(misfit: float, seed: int) -> Interval:
+def interval_of_another_shape(misfit: float, seed: int) -> ParameterInterval:
     """Interval of an effect that differs from its model by this share of its RMS,
     in a random direction.
     """

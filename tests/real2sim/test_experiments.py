@@ -18,7 +18,7 @@ from saltus.real2sim.experiments import motions
 from saltus.real2sim.experiments.footage import FootageCamera
 from saltus.real2sim.experiments.menu import EXPERIMENTS, experiment_named
 from saltus.real2sim.experiments.run import SensorNoise, run
-from saltus.real2sim.experiments.safety import Limits, UnsafeMotionError
+from saltus.real2sim.experiments.safety import ExperimentLimits, UnsafeMotionError
 from saltus.real2sim.problem.log import load_rigs, robot_of
 from saltus.real2sim.screening.screen import screen
 from saltus.real2sim.sensors import SENSORS
@@ -77,26 +77,26 @@ def test_commands_beyond_limits_are_refused_before_anything_moves(
     with pytest.raises(
         UnsafeMotionError, match=f"FL_calf is asked for a {what}|FL_calf is asked for an {what}"
     ):
-        Limits().check_commands(ROBOT, commands, kp=1.0)
+        ExperimentLimits().check_commands(ROBOT, commands, kp=1.0)
 
 
 def test_a_jump_of_the_desired_angle_counts_as_torque() -> None:
     commands = motions.steps(ROBOT, 2.0, 0.5, 0.5)
-    Limits().check_commands(ROBOT, commands, kp=20.0)
+    ExperimentLimits().check_commands(ROBOT, commands, kp=20.0)
     with pytest.raises(UnsafeMotionError, match="torque"):
-        Limits().check_commands(ROBOT, commands, kp=40.0)
+        ExperimentLimits().check_commands(ROBOT, commands, kp=40.0)
 
 
 def test_a_robot_that_leaves_its_limits_is_stopped() -> None:
-    careful = dataclasses.replace(BRIEF["free"], limits=Limits(tilt_rad=0.04))
+    careful = dataclasses.replace(BRIEF["free"], limits=ExperimentLimits(tilt_rad=0.04))
     with pytest.raises(UnsafeMotionError, match="the base tilts"):
         run(careful, ROBOT, IDEAL)
     with pytest.raises(UnsafeMotionError, match="FR_thigh moves at"):
-        Limits().check_state(
+        ExperimentLimits().check_state(
             ROBOT, 0.0, np.array([1.0, 0.0, 0.0, 0.0]), ROBOT.stand_pose, 50.0 * np.eye(12)[1]
         )
     with pytest.raises(UnsafeMotionError, match="RL_calf is at"):
-        Limits().check_state(
+        ExperimentLimits().check_state(
             ROBOT,
             0.0,
             np.array([1.0, 0.0, 0.0, 0.0]),

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from saltus.effects.profile import IDEAL
 from saltus.real2sim.experiments.menu import experiment_named
 from saltus.real2sim.experiments.run import run
-from saltus.real2sim.screening.rig import rig_faults
+from saltus.real2sim.screening.base_faults import rig_faults
 from saltus.recordings.run_log import RunLog
 
 

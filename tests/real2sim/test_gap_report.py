@@ -14,22 +14,22 @@ from report_pages import opens_without_a_network
 from rig_logs import joints_log
 
 from saltus.effects.profile import IDEAL
-from saltus.real2sim.patch import Applicability, Evidence, Patch
+from saltus.real2sim.patch import PatchEvidence, PatchRange, ProfilePatch
 from saltus.real2sim.problem.camera.problem import CameraProblem
 from saltus.real2sim.problem.problem import ExplanatoryVariable, Problem
 from saltus.real2sim.reporting import figures
-from saltus.real2sim.reporting.localise import Channel, channels_of
+from saltus.real2sim.reporting.localise import ResidualSignal, channels_of
 from saltus.real2sim.reporting.report import report_page
-from saltus.real2sim.reporting.words import sentence
-from saltus.real2sim.results import Examination, Judgement, SensorResult
-from saltus.real2sim.screening.scales import Fault
-from saltus.real2sim.search.findings import Findings, Residuals
+from saltus.real2sim.reporting.verdict_text import sentence
+from saltus.real2sim.results import Judgement, LogExamination, SensorResult
+from saltus.real2sim.screening.channel_scales import LogFault
+from saltus.real2sim.search.findings import ModelResiduals, SearchFindings
 from saltus.real2sim.search.search import search
 from saltus.real2sim.verdict import NextExperiment, Verdict, merge
 from saltus.recordings.run_log import RunLog
 from saltus.reports.page import write_page
 
-LOG = Evidence(log="a <strange> name", sha256="5a" * 32)
+LOG = PatchEvidence(log="a <strange> name", sha256="5a" * 32)
 NEXT = NextExperiment(name="joint_chirp", why="reaches 20 Hz", expected_separation=40.0)
 
 
@@ -39,7 +39,7 @@ def rig_log() -> RunLog:
 
 
 @cache
-def found(case: str) -> tuple[Problem, Findings]:
+def found(case: str) -> tuple[Problem, SearchFindings]:
     hidden = {
         "named": {("e1", "hip", "FR"): 3.0},
         "no_gap": {},
@@ -56,19 +56,19 @@ def found(case: str) -> tuple[Problem, Findings]:
 
 def judged(case: str) -> Judgement:
     if case == "bad_log":
-        faults = (Fault(name="units", text="q is in degrees & not in radians"),)
-        examined = Examination(log=rig_log(), faults=faults, untestable={})
+        faults = (LogFault(name="units", text="q is in degrees & not in radians"),)
+        examined = LogExamination(log=rig_log(), faults=faults, untestable={})
         verdict = merge((), [fault.text for fault in faults])
     else:
         problem, findings = found(case)
         compared = SensorResult(problem=problem, findings=findings, log=rig_log())
-        examined = Examination(log=rig_log(), faults=(), untestable={}, comparisons=(compared,))
+        examined = LogExamination(log=rig_log(), faults=(), untestable={}, comparisons=(compared,))
         verdict = replace(merge([findings]), next_experiment=NEXT if case == "set" else None)
     return judgement(verdict, examined)
 
 
-def judgement(verdict: Verdict, examined: Examination) -> Judgement:
-    patch = Patch(effects=verdict.effects, evidence=(LOG,), range=Applicability())
+def judgement(verdict: Verdict, examined: LogExamination) -> Judgement:
+    patch = ProfilePatch(effects=verdict.effects, evidence=(LOG,), range=PatchRange())
     return Judgement(
         verdict=verdict, patch=patch, examinations=(examined,), evidence=(LOG,), profile=IDEAL
     )
@@ -163,7 +163,7 @@ def test_the_trace_shows_where_the_residual_is_largest() -> None:
     time_s = np.repeat(np.arange(0.0, 20.0, 0.02), 3)  # three pixels an image
     bump = 5.0 * np.exp(-(((time_s - 12.0) / 0.3) ** 2))
     time = ExplanatoryVariable(name=figures.TIME, unit="s", values=time_s)
-    channel = Channel(signal="q", place="x", residual=bump, variables=(time,))
+    channel = ResidualSignal(signal="q", place="x", residual=bump, variables=(time,))
     shown = figures.trace_figure(channel, replace(channel, residual=0.1 * bump)).data
     x, y = np.array(shown[0].x), np.array(shown[0].y)
     assert x[0] < 11.5
@@ -184,16 +184,16 @@ def test_a_camera_s_residuals_are_shown_over_the_image(tmp_path: Path) -> None:
         assert np.isfinite(variable.values[is_depth]).all()
         assert np.isnan(variable.values[~is_depth]).all()
         assert variable.values[is_depth].min() >= 0.0
-    residuals = Residuals(
+    residuals = ModelResiduals(
         before=left,
         after=left,
         unknowns=np.zeros((1, 0)),
         effects=(),
         is_test=np.ones(len(problem.signal), dtype=bool),
     )
-    findings = Findings(problem="camera", verdict="no_gap", residuals=residuals)
+    findings = SearchFindings(problem="camera", verdict="no_gap", residuals=residuals)
     compared = SensorResult(problem=problem, findings=findings, log=log)
-    examined = Examination(log=log, faults=(), untestable={}, comparisons=(compared,))
+    examined = LogExamination(log=log, faults=(), untestable={}, comparisons=(compared,))
     assert "Mean residual over the image" in page(judgement(merge([findings]), examined), tmp_path)
 
 

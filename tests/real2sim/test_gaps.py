@@ -5,7 +5,7 @@ not by rounding, jitter or a stall.
 import numpy as np
 import pytest
 
-from saltus.real2sim.screening.clock import lost_rows
+from saltus.real2sim.screening.clock_faults import lost_rows
 from saltus.recordings.run_log import period_of
 
 ROWS = 3000

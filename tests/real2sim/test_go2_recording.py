@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from saltus.config import load
+from saltus.real2sim.importers.file_kinds import evenly, rate_scale, state_times
 from saltus.real2sim.importers.importing import import_recording
-from saltus.real2sim.importers.kinds import evenly, rate_scale, state_times
 from saltus.real2sim.problem.log import load_rigs, segments_of
 from saltus.real2sim.screening.screen import screen
-from saltus.recordings.description import Description
+from saltus.recordings.recording_description import RecordingDescription
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import LEGS, Robot
 
@@ -106,7 +106,9 @@ def test_every_leg_has_a_log_without_what_its_end_stop_disturbs(go2: Robot, tmp_
     q[2500:2600, 2] = -0.88
     rows = np.floor(0.005 * np.arange(3100) / 0.002).astype(int)
     table = _record(q[rows], dq[rows], tmp_path / "recording.csv")
-    logs = import_recording(table, tmp_path / "logs", load(Description, GO2 / "log.toml"), go2).logs
+    logs = import_recording(
+        table, tmp_path / "logs", load(RecordingDescription, GO2 / "log.toml"), go2
+    ).logs
     assert [path.name for path in logs] == ["FL", "FR", "RL", "RR"]
     for path in logs:
         (log,) = load_rigs([path])
@@ -137,7 +139,7 @@ def test_gravity_tells_left_from_right_in_the_recording(
     recording: Path, go2: Robot, tmp_path: Path
 ) -> None:
     for path in import_recording(
-        recording, tmp_path / "logs", load(Description, GO2 / "log.toml"), go2
+        recording, tmp_path / "logs", load(RecordingDescription, GO2 / "log.toml"), go2
     ).logs:
         (log,) = load_rigs([path])
         assert not any(fault.is_fatal for fault in screen(log)), path.name

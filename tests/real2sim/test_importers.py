@@ -21,7 +21,7 @@ from saltus.config import load
 from saltus.errors import RecordingError
 from saltus.real2sim.importers.importing import import_recording
 from saltus.real2sim.pipeline import find
-from saltus.recordings.description import Description, TableColumns, Topics
+from saltus.recordings.recording_description import BagTopics, RecordingDescription, TableColumns
 from saltus.recordings.run_log import JOINT_SIGNALS, RunLog, read_run_log, write_run_log
 
 PROJECT = Path(__file__).resolve().parents[2]
@@ -97,8 +97,8 @@ def test_joints_are_found_by_the_names_that_are_given_and_others_are_left_out(
     names = {f"motor {n}_joint": name for n, name in enumerate(log.meta["joints"])}
     odd = replace(log, meta=log.meta | {"joints": [name.removesuffix("_joint") for name in names]})
     bag, names["motor 11_joint"] = write_bag(odd, tmp_path / "bag"), ""
-    description = Description(
-        claims=claims_of(log), topics=Topics(joints="/joint_states"), joint_names=names
+    description = RecordingDescription(
+        claims=claims_of(log), topics=BagTopics(joints="/joint_states"), joint_names=names
     )
     read = read_run_log(import_recording(bag, tmp_path / "log", description, ROBOT).logs[0])
     assert read.meta["joints"] == log.meta["joints"][:11]
@@ -111,7 +111,9 @@ def test_two_ways_to_one_run_give_one_verdict(tmp_path: Path) -> None:
     log = body_log(seconds=2.0)
     write_run_log(log, tmp_path / "log")
     bag = write_bag(log, tmp_path / "bag")
-    description = Description(claims=claims_of(log), topics=Topics(joints="/joint_states"))
+    description = RecordingDescription(
+        claims=claims_of(log), topics=BagTopics(joints="/joint_states")
+    )
     imported = import_recording(bag, tmp_path / "imported", description, ROBOT)
     first, second = (
         find([path], tmp_path / f"of {path.name}").verdict
@@ -155,7 +157,7 @@ def test_without_commands_the_camera_is_compared_and_the_drives_are_not(tmp_path
     log = body_log(seconds=5.0)
     bag = write_bag(log, tmp_path / "bag", has_commands=False)
     claims = {key: value for key, value in claims_of(log).items() if key not in ("kp", "kd")}
-    imported = import_recording(bag, tmp_path / "log", Description(claims=claims), ROBOT)
+    imported = import_recording(bag, tmp_path / "log", RecordingDescription(claims=claims), ROBOT)
     assert any("q_des, kp, kd" in note for note in imported.notes)
     verdict = find(imported.logs, tmp_path / "found").verdict
     assert verdict.verdict != "bad_log"
@@ -196,7 +198,10 @@ def test_a_table_in_other_units_and_another_order_is_the_same_log(tmp_path: Path
     log = replace(log, joints=replace(log.joints, dq_des=None, tau_ff=None, **gains))
     table = write_table(log, tmp_path / "mine.csv", DEGREES)
     imported = import_recording(
-        table, tmp_path / "log", Description(claims={"base": "fixed"}, columns=DEGREES), ROBOT
+        table,
+        tmp_path / "log",
+        RecordingDescription(claims={"base": "fixed"}, columns=DEGREES),
+        ROBOT,
     )
     assert imported.notes == (
         "not in the log: imu, base, depth; what needs them will be untestable",
@@ -204,13 +209,13 @@ def test_a_table_in_other_units_and_another_order_is_the_same_log(tmp_path: Path
     same(log, read_run_log(imported.logs[0]))
 
 
-def _of_example() -> tuple[RunLog, Description, TableColumns]:
+def _of_example() -> tuple[RunLog, RecordingDescription, TableColumns]:
     """What examples/own_csv.toml describes: a log, the description,
     its columns with the table's names of joints.
     """
     log = joints_log(seconds=1.0)
     log = replace(log, joints=replace(log.joints, dq_des=None, tau_ff=None))
-    description = load(Description, PROJECT / "examples" / "own_csv.toml")
+    description = load(RecordingDescription, PROJECT / "examples" / "own_csv.toml")
     assert description.columns is not None
     return log, description, replace(description.columns, joints=tuple(description.joint_names))
 
@@ -272,23 +277,33 @@ def _misnamed(log: RunLog) -> RunLog:
     [
         (
             lambda log: log,
-            Topics(joints="/states"),
+            BagTopics(joints="/states"),
             {},
             "/states .* is not there: did you mean '/joint_states'",
         ),
-        (lambda log: log, Topics(imu="/odom"), {}, "is of type nav_msgs/msg/Odometry"),
+        (lambda log: log, BagTopics(imu="/odom"), {}, "is of type nav_msgs/msg/Odometry"),
         (
             lambda log: log,
-            Topics(),
+            BagTopics(),
             {},
             "/joint_commands or /joint_states: name one with --topics.joints",
         ),
-        (_misnamed, Topics(joints="/joint_states"), {}, "no joint 'FR_hp': did you mean 'FR_hip'"),
-        (_backwards, Topics(joints="/joint_states"), {}, "time runs backwards"),
-        (_in_degrees, Topics(joints="/joint_states"), {}, "more than a full turn in rad; degrees?"),
+        (
+            _misnamed,
+            BagTopics(joints="/joint_states"),
+            {},
+            "no joint 'FR_hp': did you mean 'FR_hip'",
+        ),
+        (_backwards, BagTopics(joints="/joint_states"), {}, "time runs backwards"),
+        (
+            _in_degrees,
+            BagTopics(joints="/joint_states"),
+            {},
+            "more than a full turn in rad; degrees?",
+        ),
         (
             lambda log: log,
-            Topics(joints="/joint_states"),
+            BagTopics(joints="/joint_states"),
             {"kp": -1},
             "'kp' is -1; allowed is 0 to",
         ),
@@ -296,7 +311,7 @@ def _misnamed(log: RunLog) -> RunLog:
 )
 def test_what_a_bag_cannot_mean_is_said_and_nothing_is_written(
     damage: Callable[[RunLog], RunLog],
-    topics: Topics,
+    topics: BagTopics,
     claims: dict[str, Any],
     says: str,
     tmp_path: Path,
@@ -304,7 +319,9 @@ def test_what_a_bag_cannot_mean_is_said_and_nothing_is_written(
     log = replace(body_log(seconds=0.5), joints=joints_log(seconds=0.5).joints)
     bag = write_bag(damage(log), tmp_path / "bag")
     with pytest.raises(RecordingError, match=says):
-        import_recording(bag, tmp_path / "log", Description(topics=topics, claims=claims), ROBOT)
+        import_recording(
+            bag, tmp_path / "log", RecordingDescription(topics=topics, claims=claims), ROBOT
+        )
     assert not (tmp_path / "log").exists()
 
 
@@ -358,7 +375,7 @@ def test_what_a_table_cannot_mean_is_said_and_nothing_is_written(
         damage(table)
     with pytest.raises(RecordingError, match=says):
         import_recording(
-            table, tmp_path / "log", Description(columns=replace(known, **columns)), ROBOT
+            table, tmp_path / "log", RecordingDescription(columns=replace(known, **columns)), ROBOT
         )
     assert not (tmp_path / "log").exists()
 
@@ -369,7 +386,9 @@ def test_rows_too_far_apart_for_a_leg_are_noted(tmp_path: Path) -> None:
     said = {}
     for rate_hz in (500.0, 5.0):
         columns = replace(known, time=None, rate_hz=rate_hz)
-        given = Description(columns=columns, claims={"base": "fixed", "kp": 20.0, "kd": 0.5})
+        given = RecordingDescription(
+            columns=columns, claims={"base": "fixed", "kp": 20.0, "kd": 0.5}
+        )
         said[rate_hz] = " ".join(
             import_recording(table, tmp_path / f"{rate_hz}", given, ROBOT).notes
         )
@@ -380,4 +399,4 @@ def test_rows_too_far_apart_for_a_leg_are_noted(tmp_path: Path) -> None:
 def test_images_alone_are_for_another_command(tmp_path: Path) -> None:
     bag = write_realsense(tmp_path / "camera.bag", 2)
     with pytest.raises(RecordingError, match=r"`saltus render fit .*camera\.bag`"):
-        import_recording(bag, tmp_path / "log", Description(), ROBOT)
+        import_recording(bag, tmp_path / "log", RecordingDescription(), ROBOT)

@@ -18,11 +18,11 @@ from saltus.effects.joint_loads import JointSpring
 from saltus.effects.motors import TorqueSaturation
 from saltus.effects.profile import EFFECTS
 from saltus.errors import RecordingError
-from saltus.real2sim.problem.joints import motion as joint_motion
-from saltus.real2sim.problem.joints.candidates import KINDS, LOOP_RATE, Reach
-from saltus.real2sim.problem.joints.drives import Drives, lost_to_saturation
+from saltus.real2sim.problem.joints import uniform_log as joint_motion
+from saltus.real2sim.problem.joints.candidates import KINDS, LOOP_RATE, LogRange
+from saltus.real2sim.problem.joints.drives import JointDrives, lost_to_saturation
 from saltus.real2sim.problem.joints.excitation import _step
-from saltus.real2sim.problem.joints.mechanics import slipping, slowed_by_friction
+from saltus.real2sim.problem.joints.joint_mechanics import slipping, slowed_by_friction
 from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.problem.joints.replay import replay
 from saltus.real2sim.saturation_curve import _fitted, _Pieces
@@ -83,7 +83,7 @@ def name_of(case: Hidden) -> str:
     return case.effect.name
 
 
-def simulated(problem: JointProblem, drives: Drives) -> np.ndarray:
+def simulated(problem: JointProblem, drives: JointDrives) -> np.ndarray:
     """Means of angles, velocities and torques, as the problem replays them."""
     return replay(problem._motion, problem._windows, drives, problem._averaged)
 
@@ -169,7 +169,7 @@ def test_fits_find_the_truth(case: Hidden) -> None:
 @pytest.mark.parametrize("slowest", [0.15, 0.4, 0.6, 0.79, 0.9, 1.0])
 def test_fits_of_a_speed_limit_start_where_it_acts_also_if_one_leg_has_it(slowest: float) -> None:
     """A joint that is limited reaches its no-load speed at most, however fast the others are."""
-    reach = Reach(
+    reach = LogRange(
         speed=11.5, slowest=11.5 * slowest, torque=20.0, middle=0.0, side=1.0, end=1.0,
         to_limit=1.0, steps=(),
     )  # fmt: skip

@@ -5,13 +5,18 @@ import pytest
 from rig_logs import Rig, joints_log
 
 from saltus.real2sim.problem.problem import ExplanatoryVariable
-from saltus.real2sim.reporting.localise import Channel, explanatory_variables_of, in_words, localise
+from saltus.real2sim.reporting.localise import (
+    ResidualSignal,
+    explanatory_variables_of,
+    in_words,
+    localise,
+)
 from saltus.robots.robot import JOINTS
 
 ROWS = 3000
 
 
-def _channels(seed: int, gap: str, kind: str, size: float) -> list[Channel]:
+def _channels(seed: int, gap: str, kind: str, size: float) -> list[ResidualSignal]:
     """Residuals of unit noise; those of one kind of joint have a gap that `gap` tells."""
     rng = np.random.default_rng(seed)
     time_s = np.linspace(0, 30, ROWS)
@@ -34,7 +39,9 @@ def _channels(seed: int, gap: str, kind: str, size: float) -> list[Channel]:
             "beyond": np.where(np.abs(torque) > 15, np.sign(torque), 0),
         }[gap]
         residual = rng.normal(size=ROWS) + (size * shape if joint.endswith(kind) else 0)
-        channels.append(Channel(signal="q", place=joint, residual=residual, variables=variables))
+        channels.append(
+            ResidualSignal(signal="q", place=joint, residual=residual, variables=variables)
+        )
     return channels
 
 
@@ -63,7 +70,7 @@ def test_a_regime_is_said_as_one() -> None:
     )
     residual = rng.normal(size=ROWS) * (1 + 3 * turning)
     (said,) = localise(
-        [Channel(signal="q", place="FR_hip", residual=residual, variables=(variable,))]
+        [ResidualSignal(signal="q", place="FR_hip", residual=residual, variables=(variable,))]
     )
     assert said.text.startswith("FR_hip: q is off by 3.9 sigma")
     assert "just after reversals, by 1.0 elsewhere" in said.text

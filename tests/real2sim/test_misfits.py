@@ -12,11 +12,11 @@ from saltus.arrays import Floats
 from saltus.effects.motors import ActuatorLag, TorqueSpeedLimit
 from saltus.effects.profile import Profile
 from saltus.real2sim.problem.problem import Problem, WrappedProblem
-from saltus.real2sim.reporting.words import sentence
-from saltus.real2sim.search.findings import FoundEffect, Interval
+from saltus.real2sim.reporting.verdict_text import sentence
+from saltus.real2sim.search.findings import FoundEffect, ParameterInterval
 from saltus.real2sim.search.search import search
 from saltus.real2sim.stacked_problem import RebasedProblem
-from saltus.real2sim.verdict import Gap, Verdict, merge
+from saltus.real2sim.verdict import ResidualGap, Verdict, merge
 from saltus.robots.robot import JOINTS
 
 SURPLUS: dict[str, dict[str, tuple[float, ...]]] = {
@@ -52,7 +52,7 @@ def everywhere(**effects: tuple[float, ...]) -> dict[tuple[str, str, str], tuple
     }
 
 
-OPEN = Gap(before=2.0, after=2.0, floor=1.0)
+OPEN = ResidualGap(before=2.0, after=2.0, floor=1.0)
 REACHED = 28.0  # rad/s, by the pendulums
 LAG = {"actuator_lag": (0.006,)}
 
@@ -149,7 +149,7 @@ def test_values_are_stated_as_they_are_at_each_place_also_where_those_of_the_pro
 
 
 def test_an_effect_that_the_profile_has_is_not_said_to_be_lacking() -> None:
-    size = Interval(value=0.004, ci90=(0.003, 0.005), unit="s")
+    size = ParameterInterval(value=0.004, ci90=(0.003, 0.005), unit="s")
     effect = FoundEffect(name="actuator_lag", where="all", params={"time_constant": size})
     verdict = Verdict(verdict="named", effects=(effect,), gap=OPEN)
     assert sentence(verdict).startswith("the simulator lacks actuator_lag (")
@@ -164,7 +164,7 @@ def test_an_effect_is_said_once_however_many_joints_have_values_of_their_own() -
         FoundEffect(
             name="torque_saturation",
             where=joint,
-            params={"knee": Interval(value=8.0 + k, ci90=(7.0, 21.0), unit="Nm")},
+            params={"knee": ParameterInterval(value=8.0 + k, ci90=(7.0, 21.0), unit="Nm")},
         )
         for k, joint in enumerate(JOINTS)
     )

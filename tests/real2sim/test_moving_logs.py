@@ -15,9 +15,9 @@ from benchmarks.moving_logs import trot
 from saltus.cli.main import main
 from saltus.effects.profile import IDEAL
 from saltus.real2sim.experiments.menu import Experiment, experiment_named
-from saltus.real2sim.experiments.motions import Section, rest
+from saltus.real2sim.experiments.motions import ExperimentSection, rest
 from saltus.real2sim.experiments.run import run
-from saltus.real2sim.experiments.safety import Limits
+from saltus.real2sim.experiments.safety import ExperimentLimits
 from saltus.real2sim.pipeline import examine, judge
 from saltus.real2sim.problem.camera.problem import CameraProblem
 from saltus.real2sim.problem.camera.rays import BaseMotion
@@ -42,9 +42,11 @@ def logs(jumps: tuple[RunLog, Path]) -> dict[str, RunLog]:
             how="",
             shows=(),
             base="free",
-            sections=lambda _, c=moves, n=name: (Section(name=n, condition=n, commands=c),),
+            sections=lambda _, c=moves, n=name: (
+                ExperimentSection(name=n, condition=n, commands=c),
+            ),
             # type: ignore[misc]
-            limits=Limits(),
+            limits=ExperimentLimits(),
         )
         for name, moves in commands.items()
     }

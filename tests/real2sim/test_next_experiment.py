@@ -10,7 +10,7 @@ from samples import ROBOT
 from saltus.real2sim.experiments.footage import FootageCamera
 from saltus.real2sim.experiments.menu import EXPERIMENTS
 from saltus.real2sim.experiments.next_experiment import measure, next_experiment, separations
-from saltus.real2sim.search.findings import FoundEffect, Interval
+from saltus.real2sim.search.findings import FoundEffect, ParameterInterval
 from saltus.real2sim.sensors import SENSORS
 
 HELD, STANDING = {"base": "fixed"}, {"base": "free"}
@@ -35,7 +35,9 @@ def test_a_held_robot_is_asked_for_what_can_be_done_held(pair: tuple[str, str]) 
 
 def test_a_weak_drive_and_a_heavy_trunk_part_where_no_leg_carries_the_trunk() -> None:
     rivals = [
-        FoundEffect(name=name, where="all", params={p: Interval(value=v, ci90=(v, v), unit="")})
+        FoundEffect(
+            name=name, where="all", params={p: ParameterInterval(value=v, ci90=(v, v), unit="")}
+        )
         for name, p, v in (("payload_mass", "mass", 0.4), ("torque_gain", "gain", 0.967))
     ]
     proposed = next_experiment(ROBOT, [("payload_mass", "torque_gain")], rivals, [STANDING])

@@ -18,30 +18,40 @@ from saltus.errors import ConfigError
 from saltus.real2sim.experiments.menu import EXPERIMENTS
 from saltus.real2sim.experiments.next_experiment import next_experiment, separations
 from saltus.real2sim.patch import (
-    Applicability,
-    Evidence,
-    Patch,
+    PatchEvidence,
+    PatchRange,
+    ProfilePatch,
     evidence_of,
     patch_from_toml,
     supported,
 )
 from saltus.real2sim.pipeline import without_ruled_out
 from saltus.real2sim.problem.joints.torque_curve import as_knee, delivered_torque
-from saltus.real2sim.search.findings import Findings, FoundEffect, Interval, SignalGap
+from saltus.real2sim.search.findings import (
+    FoundEffect,
+    ParameterInterval,
+    SearchFindings,
+    SignalGap,
+)
 from saltus.robots.robot import JOINTS
 
 TESTED = (SignalGap(signal="q", residuals=100, before=5.0, after=1.0, floor=1.0),)
 CALVES = ("FR_calf", "FL_calf", "RR_calf", "RL_calf")
-REACH = Applicability(torque_nm=20.0, duration_s=24.0)
+REACH = PatchRange(torque_nm=20.0, duration_s=24.0)
 
 
 def found(name: str, where: str | tuple[str, ...], **values: float) -> FoundEffect:
-    params = {key: Interval(value=v, ci90=(0.9 * v, 1.1 * v), unit="") for key, v in values.items()}
+    params = {
+        key: ParameterInterval(value=v, ci90=(0.9 * v, 1.1 * v), unit="")
+        for key, v in values.items()
+    }
     return FoundEffect(name=name, where=where, params=params)
 
 
-def patch(*effects: FoundEffect) -> Patch:
-    return Patch(effects=effects, evidence=(Evidence(log="a", sha256="0" * 64),), range=REACH)
+def patch(*effects: FoundEffect) -> ProfilePatch:
+    return ProfilePatch(
+        effects=effects, evidence=(PatchEvidence(log="a", sha256="0" * 64),), range=REACH
+    )
 
 
 ONE_OF_EACH_PART = (
@@ -60,7 +70,7 @@ ONE_OF_EACH_PART = (
 def test_of_two_findings_of_one_effect_the_surer_goes_in(one: FoundEffect) -> None:
     def shifted(by: float, width: float) -> FoundEffect:
         params = {
-            name: Interval(
+            name: ParameterInterval(
                 value=by * p.value,
                 ci90=(p.value - width * abs(p.value), p.value + width * abs(p.value)),
                 unit="",
@@ -115,7 +125,7 @@ def test_a_patch_composes_with_what_the_profile_has() -> None:
 def test_what_is_no_size_reaches_no_patch() -> None:
     def at(name: str, **told: tuple[float, float, float]) -> FoundEffect:
         params = {
-            key: Interval(value=v, ci90=(low, high), unit="")
+            key: ParameterInterval(value=v, ci90=(low, high), unit="")
             for key, (v, low, high) in told.items()
         }
         return FoundEffect(name=name, where="all", params=params)
@@ -142,7 +152,7 @@ def test_a_patch_takes_back_what_a_profile_has_and_a_log_does_not_show() -> None
     nothing = FoundEffect(
         name="coulomb_friction",
         where="all",
-        params={"torque": Interval(value=0.0, ci90=(-0.01, 0.01), unit="Nm")},
+        params={"torque": ParameterInterval(value=0.0, ci90=(-0.01, 0.01), unit="Nm")},
     )
     rubbing = Profile(actuator=(CoulombFriction(torque=0.2),))
     taken_back = supported((nothing,), rubbing)
@@ -259,11 +269,11 @@ def test_no_set_needs_no_experiment() -> None:
 
 
 def test_a_log_that_names_one_of_a_set_resolves_the_set_of_another() -> None:
-    unsure = Findings(
+    unsure = SearchFindings(
         problem="joints", verdict="set", sets=(("command_delay", "actuator_lag"),), gaps=TESTED
     )
     delay = found("command_delay", "all", delay=0.004)
-    sure = Findings(problem="joints", verdict="named", effects=(delay,), gaps=TESTED)
+    sure = SearchFindings(problem="joints", verdict="named", effects=(delay,), gaps=TESTED)
     first, second = without_ruled_out((unsure, sure))
     assert first.sets == ()
     assert first.verdict == "named"
@@ -278,7 +288,7 @@ def test_what_is_told_in_pixels_is_told_of_the_images_of_the_log(focal_px: float
         found("edge_holes", "camera", width=3.0),
         found("depth_noise", "camera", subpixel_sigma=0.05),
     )
-    whole = Patch(effects=told, evidence=(), range=Applicability(focal_px=focal_px))
+    whole = ProfilePatch(effects=told, evidence=(), range=PatchRange(focal_px=focal_px))
     profile = whole.applied_to(IDEAL, ROBOT)
     holes = next(e for e in profile.camera if isinstance(e, EdgeHoles))
     noise = next(e for e in profile.camera if isinstance(e, DepthNoise))

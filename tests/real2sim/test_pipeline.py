@@ -23,7 +23,7 @@ from saltus.real2sim.patch import load_patch
 from saltus.real2sim.pipeline import examine, find, judge
 from saltus.real2sim.problem.log import load_rigs, segments_of
 from saltus.real2sim.problem.problem import Problem
-from saltus.real2sim.reporting.words import sentence
+from saltus.real2sim.reporting.verdict_text import sentence
 from saltus.real2sim.sensors import SENSORS
 from saltus.real2sim.stacked_problem import RebasedProblem
 from saltus.real2sim.verdict import Verdict

@@ -13,7 +13,7 @@ from saltus.config import load
 from saltus.real2sim.importers.importing import import_recording
 from saltus.real2sim.problem.log import load_rigs
 from saltus.real2sim.screening.screen import screen
-from saltus.recordings.description import Description
+from saltus.recordings.recording_description import RecordingDescription
 from saltus.recordings.run_log import read_run_log
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import JOINTS, LEGS, Robot
@@ -34,7 +34,9 @@ def test_the_sweep_is_imported_to_its_numbers_and_gravity_tells_left_from_right(
     recordings: Path, go2: Robot, tmp_path: Path
 ) -> None:
     sweep = recordings / "go2_sweep_200hz.npz"
-    imported = import_recording(sweep, tmp_path / "log", load(Description, GO2 / "sweep.toml"), go2)
+    imported = import_recording(
+        sweep, tmp_path / "log", load(RecordingDescription, GO2 / "sweep.toml"), go2
+    )
     assert imported.notes == (
         "not in the log: dq, tau_est, imu, base, depth; what needs them will be untestable",
     )
@@ -62,7 +64,7 @@ def test_the_step_answers_become_a_log_each_to_their_numbers(
     """On any robot whose joints have these names: nothing is simulated."""
     steps, aliengo = recordings / "aliengo_steps" / "logs.npz", GO2.parent / "aliengo"
     imported = import_recording(
-        steps, tmp_path / "logs", load(Description, aliengo / "log.toml"), go2
+        steps, tmp_path / "logs", load(RecordingDescription, aliengo / "log.toml"), go2
     )
     assert [path.name for path in imported.logs] == [
         f"{n:02d}" for n in range(26) if n not in (7, 13)

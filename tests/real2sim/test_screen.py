@@ -10,9 +10,9 @@ from rig_logs import Rig, body_log, joints_logs
 
 from saltus.arrays import Floats
 from saltus.real2sim.screening.angles import rate_slopes
-from saltus.real2sim.screening.scales import is_off
+from saltus.real2sim.screening.channel_scales import is_off
 from saltus.real2sim.screening.screen import screen
-from saltus.recordings.run_log import JointTable, RunLog, Table
+from saltus.recordings.run_log import JointTable, LogTable, RunLog
 
 Damage = Callable[[RunLog], RunLog]
 
@@ -281,10 +281,10 @@ def test_pauses_between_segments_are_no_lost_rows(log: RunLog) -> None:
 
 def _values(name: str, columns: Any, change: Callable[[np.ndarray], np.ndarray]) -> Damage:
     def damage(log: RunLog) -> RunLog:
-        table: Table = getattr(log, name)
+        table: LogTable = getattr(log, name)
         values = table.values.copy()
         values[:, columns] = change(values[:, columns])
-        return replace(log, **{name: Table(time_s=table.time_s, values=values)})
+        return replace(log, **{name: LogTable(time_s=table.time_s, values=values)})
 
     return damage
 

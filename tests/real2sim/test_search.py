@@ -8,16 +8,16 @@ from linear_problem import ChoiceProblem, LinearProblem
 from one_joint import WHERES as JOINTS
 from one_joint import OneJoint
 
-from saltus.real2sim.search import fit
+from saltus.real2sim.search import model_fit
 from saltus.real2sim.search.decide import (
     SIZE_RMS,
     ModelComparison,
     ScoredFit,
     _dispersion_of,
 )
-from saltus.real2sim.search.layout import Layout, Model
+from saltus.real2sim.search.residual_split import ResidualCells
 from saltus.real2sim.search.search import _Search, search
-from saltus.real2sim.search.split import Cells
+from saltus.real2sim.search.unknowns_layout import ModelEffects, UnknownsLayout
 
 
 def everywhere(effect: str, *values: float) -> dict[tuple[str, str, str], tuple[float, ...]]:
@@ -184,20 +184,20 @@ def test_an_effect_with_residuals_of_its_own_gains_by_its_own_scatter(is_apart: 
         replace(c, effect=f"{c.effect} of a thigh") if c.where == "thigh" else c
         for c in problem.candidates
     )
-    layout, evaluate = Layout.of(problem), fit.Evaluator(problem)
-    null, split = fit.fitted_null(problem, evaluate, layout)
+    layout, evaluate = UnknownsLayout.of(problem), model_fit.ProblemEvaluator(problem)
+    null, split = model_fit.fitted_null(problem, evaluate, layout)
     comparison = ModelComparison(
         layout=layout,
         split=split,
-        cells=Cells.of(problem, split.is_fit),
+        cells=ResidualCells.of(problem, split.is_fit),
         rng=np.random.default_rng(0),
         size=SIZE_RMS,
     )
 
-    def scored(model: Model) -> ScoredFit:
-        start = fit.begun(evaluate, layout, model, layout.of_model(model), null.unknowns, "")
-        fits = fit.refine(evaluate, layout, split, [start], stage="")
-        return comparison.score(fit.renewed(evaluate, layout, fits, "")[0])
+    def scored(model: ModelEffects) -> ScoredFit:
+        start = model_fit.begun(evaluate, layout, model, layout.of_model(model), null.unknowns, "")
+        fits = model_fit.refine(evaluate, layout, split, [start], stage="")
+        return comparison.score(model_fit.renewed(evaluate, layout, fits, "")[0])
 
     held, rival = scored(("e1",)), scored(("e1", "e5 of a thigh"))
     found = _dispersion_of(comparison, held, rival, 300.0)
@@ -283,8 +283,8 @@ def test_a_model_takes_the_nuisances_that_a_larger_one_has_found() -> None:
     assert known.fits[("e1",)].unknowns[:, -1] == pytest.approx(-0.5)
     unknowns = known.fits[("e1",)].unknowns.copy()
     unknowns[:, -1] = 3.0
-    larger: Model = ("e1", "e2")
-    known.fits[larger] = fit.begun(
+    larger: ModelEffects = ("e1", "e2")
+    known.fits[larger] = model_fit.begun(
         searched._evaluate, layout, larger, layout.of_model(larger), unknowns, "test"
     )
     searched._refit_rivals()

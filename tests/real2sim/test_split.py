@@ -3,7 +3,7 @@ import pytest
 from linear_problem import LinearProblem
 from one_joint import OneJoint
 
-from saltus.real2sim.search.split import TEST, Cells, split
+from saltus.real2sim.search.residual_split import TEST, ResidualCells, split
 
 
 def test_one_of_repeats_is_the_test_late_and_early_in_turn() -> None:
@@ -68,7 +68,7 @@ def test_a_piece_in_which_nothing_is_known_is_no_test() -> None:
 def test_cells_of_any_number_of_rows_hardly_ever_show_what_is_noise(rows: int) -> None:
     """Nine of a thousand at most, of one row; the test of a body has hundreds of six rows."""
     starts = np.arange(0, 20_000 * rows, rows)
-    cells = Cells(
+    cells = ResidualCells(
         rows=np.arange(20_000 * rows),
         starts=starts,
         segment=np.zeros_like(starts),

@@ -7,8 +7,13 @@ import numpy as np
 import pytest
 from linear_problem import WHERES, LinearProblem
 
-from saltus.real2sim.problem.problem import Coordinates, Estimate
-from saltus.real2sim.search.findings import Findings, FoundEffect, Interval, SignalGap
+from saltus.real2sim.problem.problem import ParameterEstimate, UnknownCoordinates
+from saltus.real2sim.search.findings import (
+    FoundEffect,
+    ParameterInterval,
+    SearchFindings,
+    SignalGap,
+)
 from saltus.real2sim.search.search import search
 from saltus.real2sim.stacked_problem import StackedProblem, stackable
 from saltus.real2sim.verdict import without_ruled_out
@@ -22,7 +27,7 @@ class Offset(LinearProblem):
 
     def __init__(self, hidden: dict[tuple[str, str, str], float]) -> None:
         super().__init__(hidden)
-        later = Coordinates.less("size", 1.0)
+        later = UnknownCoordinates.less("size", 1.0)
         self.candidates = tuple(
             replace(candidate, coordinates=later) for candidate in self.candidates
         )
@@ -79,11 +84,11 @@ def found(name: str, **values: float) -> FoundEffect:
     return FoundEffect(
         name=name,
         where="all",
-        params={k: Interval(value=v, ci90=(v, v), unit="") for k, v in values.items()},
+        params={k: ParameterInterval(value=v, ci90=(v, v), unit="") for k, v in values.items()},
     )
 
 
-UNSURE = Findings(
+UNSURE = SearchFindings(
     problem="body", verdict="set", sets=(("payload_mass", "torque_gain"),),
     rivals=(found("payload_mass", mass=0.4), found("torque_gain", gain=0.967)),
     gaps=(SignalGap(signal="q", residuals=100, before=5.0, after=1.0, floor=1.0),),
@@ -97,16 +102,16 @@ UNSURE = Findings(
 def test_an_effect_that_another_sensor_would_have_shown_is_ruled_out(
     gain: float, verdict: str, names: list[str]
 ) -> None:
-    sizes = {"torque_gain": Estimate(value=gain, unit="")}
-    held = Findings(problem="joints", verdict="no_gap", minimum_detectable=sizes)
+    sizes = {"torque_gain": ParameterEstimate(value=gain, unit="")}
+    held = SearchFindings(problem="joints", verdict="no_gap", minimum_detectable=sizes)
     body, joints = without_ruled_out((UNSURE, held))
     assert (body.verdict, [effect.name for effect in body.effects]) == (verdict, names)
     assert joints.verdict == "no_gap"
 
 
 def test_who_has_a_gap_of_its_own_rules_nothing_out() -> None:
-    sizes = {"torque_gain": Estimate(value=1.001, unit="")}
-    lost = Findings(problem="joints", verdict="unexplained", minimum_detectable=sizes)
+    sizes = {"torque_gain": ParameterEstimate(value=1.001, unit="")}
+    lost = SearchFindings(problem="joints", verdict="unexplained", minimum_detectable=sizes)
     assert without_ruled_out((UNSURE, lost))[0].verdict == "set"
 
 

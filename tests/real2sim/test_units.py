@@ -21,15 +21,15 @@ from saltus.effects.profile import IDEAL
 from saltus.errors import RecordingError
 from saltus.real2sim.experiments.menu import experiment_named
 from saltus.real2sim.experiments.run import run
+from saltus.real2sim.screening.base_faults import rig_faults
 from saltus.real2sim.screening.causes import cause_faults, causes
+from saltus.real2sim.screening.channel_scales import LogFault
 from saltus.real2sim.screening.gains import gain_faults
 from saltus.real2sim.screening.gravity import feedforward_faults
-from saltus.real2sim.screening.joints import unit_faults
-from saltus.real2sim.screening.rig import rig_faults
-from saltus.real2sim.screening.scales import Fault
+from saltus.real2sim.screening.joint_faults import unit_faults
 from saltus.real2sim.screening.screen import screen
-from saltus.recordings.run_log import RunLog, Table, read_run_log, write_run_log
-from saltus.recordings.units import SIGNALS, Units, in_si
+from saltus.recordings.log_units import SIGNALS, Units, in_si
+from saltus.recordings.run_log import LogTable, RunLog, read_run_log, write_run_log
 
 DEGREE, KGF_CM, G, RPM = 180.0 / np.pi, 1.0 / 0.0980665, 1.0 / 9.80665, 30.0 / np.pi
 GEARS = (6.33, 9.495, 1.0 / 6.33, 1.0 / 9.495)
@@ -72,7 +72,7 @@ def bodies() -> list[RunLog]:
     seen = replace(
         seen,
         meta={**seen.meta, "control_dt": 0.002},
-        base=Table(time_s=seen.base.time_s, values=poses),
+        base=LogTable(time_s=seen.base.time_s, values=poses),
     )
     return [body_log(seconds=4.0), seen]
 
@@ -125,7 +125,7 @@ def times(name: str) -> Change:
     return change
 
 
-def told(faults: list[Fault], channel: str, factor: float) -> bool:
+def told(faults: list[LogFault], channel: str, factor: float) -> bool:
     """Whether the first fault is fatal, one short line, and names a channel and its factor to
     within 6 %."""
     if not faults or not faults[0].is_fatal:

@@ -1,29 +1,30 @@
 """verdict.json: its keys, and one verdict of what several sensors say."""
 
 import json
+from typing import Any
 
 import pytest
 
-from saltus.real2sim.problem.problem import Estimate
+from saltus.real2sim.problem.problem import ParameterEstimate
 from saltus.real2sim.search.findings import (
-    Findings,
     FoundEffect,
-    Interval,
+    ParameterInterval,
     ProblemRuling,
+    SearchFindings,
     SignalGap,
 )
-from saltus.real2sim.verdict import Gap, NextExperiment, Verdict, effect_from_dict, merge
+from saltus.real2sim.verdict import NextExperiment, ResidualGap, Verdict, effect_from_dict, merge
 
 EFFECT = FoundEffect(
     name="torque_saturation",
     where=("FR_calf",),
-    params={"knee": Interval(value=14.2, ci90=(13.6, 14.9), unit="Nm")},
+    params={"knee": ParameterInterval(value=14.2, ci90=(13.6, 14.9), unit="Nm")},
 )
 
 
-def findings(problem: str, verdict: ProblemRuling, **more: object) -> Findings:
+def findings(problem: str, verdict: ProblemRuling, **more: Any) -> SearchFindings:
     gap = SignalGap(signal="q", residuals=100, before=5.0, after=1.5, floor=1.0)
-    return Findings(problem=problem, verdict=verdict, gaps=(gap,), **more)  # type: ignore[arg-type]
+    return SearchFindings(problem=problem, verdict=verdict, gaps=(gap,), **more)
 
 
 def test_json_holds_all_of_a_verdict() -> None:
@@ -35,8 +36,8 @@ def test_json_holds_all_of_a_verdict() -> None:
             name="joint_chirp", why="reaches 20 Hz", expected_separation=40.0
         ),
         untestable={"backlash": "no reversal of load"},
-        gap=Gap(before=4.0, after=1.5, floor=1.0),
-        minimum_detectable={"coulomb_friction": Estimate(value=0.04, unit="Nm")},
+        gap=ResidualGap(before=4.0, after=1.5, floor=1.0),
+        minimum_detectable={"coulomb_friction": ParameterEstimate(value=0.04, unit="Nm")},
     )
     data = json.loads(verdict.to_json())
     assert data == verdict.to_dict()
@@ -53,7 +54,7 @@ def test_json_holds_all_of_a_verdict() -> None:
 
 def test_json_has_the_keys_of_the_schema() -> None:
     data = Verdict(
-        verdict="named", effects=(EFFECT,), gap=Gap(before=5.0, after=2.0, floor=1.0)
+        verdict="named", effects=(EFFECT,), gap=ResidualGap(before=5.0, after=2.0, floor=1.0)
     ).to_dict()
     assert set(data) == {
         "verdict",
@@ -97,4 +98,4 @@ def test_a_damaged_log_is_judged_by_nothing_else() -> None:
 
 def test_the_gap_is_that_of_sensors_that_show_one() -> None:
     verdict = merge([findings("joints", "named", effects=(EFFECT,)), findings("imu", "no_gap")])
-    assert verdict.gap == Gap(before=5.0, after=1.5, floor=1.0)
+    assert verdict.gap == ResidualGap(before=5.0, after=1.5, floor=1.0)

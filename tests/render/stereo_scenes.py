@@ -8,14 +8,14 @@ from samples import ROBOT
 from saltus.arrays import Floats
 from saltus.depth import Intrinsics
 from saltus.render.camera import ray_directions
-from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.optics import StereoOptics
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.terrain import Terrain
 
 
 def wall_and_panel(
     camera: Intrinsics,
-    optics: Optics,
+    optics: StereoOptics,
     wall_m: float,
     panel_m: float,
     left: float,

@@ -216,7 +216,7 @@ from saltus.render.backends import make_renderer
 from saltus.render.camera import RobotCamera
 from saltus.config import TerrainConfig
 from saltus.robots.loading import load_robot
-from saltus.sim.scene import build_spec
+from saltus.sim.robot_model import build_spec
 from saltus.terrain.curriculum import make_terrain
 
 terrain = make_terrain(TerrainConfig(terrain="stairs"))

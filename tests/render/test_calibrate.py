@@ -20,7 +20,7 @@ from saltus.errors import RecordingError
 from saltus.render.calibrate import (
     FEWEST_FRAMES,
     SIGMA_PX,
-    Calibration,
+    CameraCalibration,
     CameraPlace,
     fit_place,
     standing_pairs,
@@ -97,7 +97,7 @@ def places(count: int) -> list[CameraPlace]:
     return [CameraPlace(pitch=p, roll=r, height=z) for p, r, z in (claimed + draws).tolist()]
 
 
-def fitted(pairs: Pairs) -> Calibration:
+def fitted(pairs: Pairs) -> CameraCalibration:
     return fit_place(pairs, ROBOT, CAMERA)
 
 

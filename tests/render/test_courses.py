@@ -16,10 +16,10 @@ from saltus.render.backends import make_renderer
 from saltus.render.camera import RobotCamera
 from saltus.render.warp import WarpRenderer
 from saltus.robots.mount import Mount
-from saltus.sim.scene import TERRAIN_GEOM, add_boxes
+from saltus.sim.robot_model import TERRAIN_GEOM, add_boxes
 from saltus.terrain.course import Course, shipped_courses
+from saltus.terrain.course_segments import SEGMENTS, RandomSizes
 from saltus.terrain.curriculum import is_drawn, make_terrain
-from saltus.terrain.segments import SEGMENTS, Draws
 from saltus.terrain.terrain import Terrain
 
 AGREES_M = 5e-3
@@ -35,7 +35,7 @@ def drawn(name: str, seed: int) -> Terrain:
         return make_terrain(TerrainConfig(terrain=name, layout_seed=seed))
     rng = np.random.default_rng(seed)
     segments = tuple(SEGMENTS[kind]() for kind in rng.permutation(sorted(SEGMENTS)))
-    return Course(kind=name, segments=segments, width=1.5, floor_m=0.2).terrain(Draws(rng))
+    return Course(kind=name, segments=segments, width=1.5, floor_m=0.2).terrain(RandomSizes(rng))
 
 
 @pytest.fixture(scope="module", params=COURSES, ids=lambda case: f"{case[0]}-{case[1]}")
@@ -117,7 +117,8 @@ def test_the_easiest_course_has_the_first_of_two_sizes_and_harder_ones_go_furthe
     stairs = Course(kind="stairs", segments=(SEGMENTS["stairs"](rise=(0.1, 0.2), steps=1),))
     highest = {
         d: max(
-            stairs.terrain(Draws(np.random.default_rng(s), d)).boxes[-1].high[2] for s in range(50)
+            stairs.terrain(RandomSizes(np.random.default_rng(s), d)).boxes[-1].high[2]
+            for s in range(50)
         )
         for d in (0, 0.5, 1)
     }

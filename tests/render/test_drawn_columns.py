@@ -10,7 +10,7 @@ from saltus.arrays import Floats
 from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, Intrinsics
 from saltus.render.camera import RobotCamera, camera_pose, ray_directions
-from saltus.render.course import SeenColumns
+from saltus.render.course_columns import SeenColumns
 from saltus.render.embree import EmbreeRenderer
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.curriculum import make_terrain

@@ -12,16 +12,18 @@ from benchmarks.render_fit import frames_of
 from saltus.depth import D435I
 from saltus.depth_camera import load_camera
 from saltus.errors import RecordingError
-from saltus.render.fit import FitResult, fit, load_frames
 from saltus.render.fit_plot import write_fit_plot
 from saltus.render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
-from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.optics import StereoOptics
+from saltus.render.stereo_fit import FitResult, fit, load_frames
 from saltus.wire.messages import DepthFrame
 
 BAG = Path(__file__).resolve().parents[3] / "shared" / "data" / "realsense_d435_640x480.bag"
 
 
-def recording(config: StereoConfig, optics: Optics, scene: Any, count: int) -> list[DepthFrame]:
+def recording(
+    config: StereoConfig, optics: StereoOptics, scene: Any, count: int
+) -> list[DepthFrame]:
     return frames_of(StereoCamera(config, optics), scene, count, np.random.default_rng(6))
 
 
@@ -36,7 +38,7 @@ def hidden(sigma: float, step: float, **changes: Any) -> StereoConfig:
 
 
 def wall_and_step(
-    optics: Optics, wall_m: float = 1.6, near_m: float = 0.6, slant: float = 0.4
+    optics: StereoOptics, wall_m: float = 1.6, near_m: float = 0.6, slant: float = 0.4
 ) -> Any:
     return wall_and_panel(D435I, optics, wall_m, near_m, -0.35, 0.15, slant=slant)
 
@@ -54,7 +56,7 @@ def wall_and_step(
 def test_hidden_noise_baseline_and_step_are_found_within_10_percent(
     baseline: float, sigma: float, step: float, wall_m: float, near_m: float, slant: float
 ) -> None:
-    optics = Optics.of(D435I, baseline_m=baseline)
+    optics = StereoOptics.of(D435I, baseline_m=baseline)
     config = hidden(sigma, step)
     found = fit(
         recording(config, optics, wall_and_step(optics, wall_m, near_m, slant), 60)
@@ -74,7 +76,7 @@ def test_hidden_noise_baseline_and_step_are_found_within_10_percent(
 
 
 def test_a_wider_band_is_a_margin_not_a_baseline() -> None:
-    optics = Optics.of(D435I)
+    optics = StereoOptics.of(D435I)
     config = hidden(0.08, 1 / 32, search_range=replace(UNFILTERED.search_range, margin=-10.0))
     found = fit(recording(config, optics, wall_and_step(optics), 12)).parameters
     assert found.baseline_m.value == pytest.approx(0.05, rel=0.1)
@@ -82,7 +84,9 @@ def test_a_wider_band_is_a_margin_not_a_baseline() -> None:
 
 
 def test_what_a_wall_alone_cannot_show_is_untestable() -> None:
-    optics = Optics(focal_px=D435I.fx, first_column=172.0)  # the middle of the sensor: no band
+    optics = StereoOptics(
+        focal_px=D435I.fx, first_column=172.0
+    )  # the middle of the sensor: no band
     found = fit(recording(hidden(0.08, 1 / 32), optics, flat_wall(D435I, 1.5), 20)).parameters
     untestable = {f.name for f in fields(found) if not getattr(found, f.name).testable}
     expected = {
@@ -103,14 +107,14 @@ def test_what_a_wall_alone_cannot_show_is_untestable() -> None:
 
 
 def test_near_walls_hide_the_step_behind_the_depth_unit() -> None:
-    optics = Optics.of(D435I)
+    optics = StereoOptics.of(D435I)
     found = fit(recording(hidden(0.08, 1 / 32), optics, flat_wall(D435I, 0.35), 20)).parameters
     assert not found.step_px.testable
     assert "depth unit" in found.step_px.note
 
 
 def test_the_part_at_rest_is_used() -> None:
-    optics = Optics.of(D435I)
+    optics = StereoOptics.of(D435I)
     scene = wall_and_step(optics)
     moving = [
         frame
@@ -124,7 +128,7 @@ def test_the_part_at_rest_is_used() -> None:
 
 
 def two_frames() -> list[DepthFrame]:
-    optics = Optics.of(D435I)
+    optics = StereoOptics.of(D435I)
     return recording(hidden(0.08, 1 / 32), optics, wall_and_step(optics), 2)
 
 
@@ -176,7 +180,7 @@ def test_toml_is_a_camera_and_the_plot_says_what_is_untestable(tmp_path: Path) -
     )
     assert camera.baseline_m == pytest.approx(0.05, rel=0.1)
     assert camera.image == D435I
-    assert Optics.behind(camera.image, camera) == result.optics
+    assert StereoOptics.behind(camera.image, camera) == result.optics
     page = written(result, tmp_path)
     assert page.count("untestable") == sum(
         not getattr(result.parameters, f.name).testable for f in fields(result.parameters)

@@ -11,7 +11,7 @@ from saltus.robots.leg_shapes import Capsules, LegShapes
 from saltus.robots.mount import Mount
 from saltus.robots.robot import LEGS
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
-from saltus.sim.scene import build_spec
+from saltus.sim.robot_model import build_spec
 from saltus.terrain.curriculum import make_terrain
 
 SHAPES = LegShapes(ROBOT)

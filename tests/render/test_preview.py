@@ -14,9 +14,16 @@ from saltus.config import TerrainConfig
 from saltus.depth import D435I
 from saltus.depth_camera import SHIPPED, load_camera
 from saltus.render.camera import RobotCamera
-from saltus.render.preview import EFFECTS_VIEW, Scale, effect_stages, poses, views, write_preview
+from saltus.render.preview import (
+    EFFECTS_VIEW,
+    DepthColours,
+    effect_stages,
+    poses,
+    views,
+    write_preview,
+)
 from saltus.render.stereo.camera import StereoConfig
-from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.optics import StereoOptics
 from saltus.render.stereo_embree import StereoEmbree
 from saltus.terrain.curriculum import make_terrain
 
@@ -73,7 +80,7 @@ def test_a_page_is_of_the_camera_that_is_named(name: str, tmp_path: Path) -> Non
 def test_every_effect_changes_the_picture() -> None:
     robot = tuple(array[EFFECTS_VIEW] for array in poses(TERRAIN, VIEWS))
     depth, hidden = StereoEmbree(
-        TERRAIN, Optics.of(D435I), RobotCamera.on(ROBOT, D435I)
+        TERRAIN, StereoOptics.of(D435I), RobotCamera.on(ROBOT, D435I)
     ).render_pair(*robot)
     images = [depth, *(image for _, _, image in effect_stages(depth, hidden, SHIPPED["d435i"]))]
     assert len(images) == 1 + len(EFFECTS)
@@ -84,7 +91,7 @@ def test_every_effect_changes_the_picture() -> None:
 
 def test_nothing_is_grey_invalid_is_black_and_near_is_bright() -> None:
     shown = np.array([[np.inf, 0.0, 0.3, 1.2]], dtype=np.float32)
-    nothing, invalid, near, far = Scale.of([shown]).coloured(shown)[0].tolist()
+    nothing, invalid, near, far = DepthColours.of([shown]).coloured(shown)[0].tolist()
     assert nothing[0] == nothing[1] == nothing[2] > 0
     assert invalid == [0, 0, 0]
     assert sum(near) > 2 * sum(far) > 0
@@ -92,7 +99,7 @@ def test_nothing_is_grey_invalid_is_black_and_near_is_bright() -> None:
 
 def test_depth_has_all_colours_from_the_nearest_to_the_farthest_that_is_shown() -> None:
     depth = np.geomspace(0.25, 0.9, 256, dtype=np.float32)[None]
-    colours = Scale.of([depth]).coloured(depth)[0]
+    colours = DepthColours.of([depth]).coloured(depth)[0]
     assert len(np.unique(colours, axis=0)) > 200
     for nothing_to_span in (np.full((2, 2), np.inf, np.float32), np.ones((2, 2), np.float32)):
-        Scale.of([nothing_to_span]).coloured(nothing_to_span)
+        DepthColours.of([nothing_to_span]).coloured(nothing_to_span)

@@ -15,7 +15,7 @@ from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, supersampled_model_cam
 from saltus.render.backends import make_renderer, make_stereo
 from saltus.render.camera import RobotCamera
 from saltus.render.stereo.image import ARRAY_WINDOWS
-from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.optics import StereoOptics
 from saltus.render.stereo_pyrender import NEAREST_M
 from saltus.robots.mount import Mount
 from saltus.terrain.boxes import Box
@@ -55,7 +55,7 @@ def test_a_panels_shadow_lies_to_its_left_and_is_as_wide_as_baseline_and_depths_
     rng = np.random.default_rng(seed)
     panel_m, left, width = rng.uniform(0.3, 0.8), rng.uniform(-0.2, 0.4), rng.uniform(0.15, 0.4)
     wall_m, baseline_m = panel_m + rng.uniform(0.2, 3.0), rng.uniform(0.03, 0.08)
-    optics = Optics.of(HALF, sensor=HALF, baseline_m=baseline_m)
+    optics = StereoOptics.of(HALF, sensor=HALF, baseline_m=baseline_m)
     terrain, camera, pose = wall_behind_panel(wall_m, panel_m, left, left + width)
     depth, hidden = make_stereo(name, terrain, optics, camera).render_pair(*pose)
     true_depth, true_hidden = wall_and_panel(HALF, optics, wall_m, panel_m, left, left + width)
@@ -75,7 +75,7 @@ def test_a_panels_shadow_lies_to_its_left_and_is_as_wide_as_baseline_and_depths_
 def test_every_back_end_finds_the_shadows_that_rays_find(
     name: str, camera: Intrinsics, kind: str
 ) -> None:
-    ground, optics = make_terrain(TerrainConfig(terrain=kind)), Optics.of(camera)
+    ground, optics = make_terrain(TerrainConfig(terrain=kind)), StereoOptics.of(camera)
     eye, where = RobotCamera.on(ROBOT, camera), poses(ground, 24, seed=3)
     (true, by_rays), (depth, hidden) = (
         make_stereo(each, ground, optics, eye).render_pair_batch(*where)
@@ -92,6 +92,9 @@ def test_every_back_end_finds_the_shadows_that_rays_find(
 def test_auto_takes_rays_for_pairs_of_any_size() -> None:
     for camera in (MODEL_CAMERA, D435I):
         pair = make_stereo(
-            "auto", make_terrain(TerrainConfig()), Optics.of(camera), RobotCamera.on(ROBOT, camera)
+            "auto",
+            make_terrain(TerrainConfig()),
+            StereoOptics.of(camera),
+            RobotCamera.on(ROBOT, camera),
         )
         assert pair.name == "embree"

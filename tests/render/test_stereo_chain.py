@@ -23,7 +23,7 @@ from saltus.render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
 from saltus.render.stereo.image import ARRAY_WINDOWS
 from saltus.render.stereo.matching import Background, DisparityNoise
 from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled
-from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.optics import StereoOptics
 from saltus.render.stereo_embree import StereoEmbree
 from saltus.render.stereo_torch import KorniaWindows
 from saltus.terrain.curriculum import make_terrain
@@ -63,7 +63,7 @@ def run(rows: int, columns: int, config: StereoConfig, scene: Any, frames: int) 
     `scene(camera, optics)` gives depth and what is hidden.
     """
     camera = supersampled_model_camera(rows, columns)
-    optics = Optics.of(camera)
+    optics = StereoOptics.of(camera)
     depth, hidden = scene(camera, optics)
     stereo = StereoCamera(config, optics)
     state = stereo.init(depth.shape[:-2], np.random.default_rng(9))
@@ -74,7 +74,7 @@ def run(rows: int, columns: int, config: StereoConfig, scene: Any, frames: int) 
     return np.stack(images)
 
 
-def on_stairs(camera: Intrinsics, optics: Optics) -> Any:
+def on_stairs(camera: Intrinsics, optics: StereoOptics) -> Any:
     ground = terrain()
     return StereoEmbree(ground, optics, RobotCamera.on(ROBOT, camera)).render_pair_batch(
         *poses(70, ground)
@@ -108,13 +108,13 @@ def test_fast_chain_has_the_statistics_of_the_native_one(config: StereoConfig) -
         )
 
 
-def _native() -> tuple[Intrinsics, Optics]:
+def _native() -> tuple[Intrinsics, StereoOptics]:
     camera = supersampled_model_camera(NATIVE, NATIVE)
-    return camera, Optics.of(camera)
+    return camera, StereoOptics.of(camera)
 
 
 def test_fast_chain_has_the_correlation_of_the_native_one() -> None:
-    def scene(camera: Intrinsics, optics: Optics) -> Any:
+    def scene(camera: Intrinsics, optics: StereoOptics) -> Any:
         depth, hidden = flat_wall(camera, 1.0)
         return np.repeat(depth[None], 60, 0), np.repeat(hidden[None], 60, 0)
 
@@ -132,7 +132,7 @@ def test_fast_chain_has_the_correlation_of_the_native_one() -> None:
 def test_fast_chain_loses_pixels_where_the_native_one_does() -> None:
     """At the left of a near panel lies its shadow, at the right only what an edge loses."""
 
-    def scene(camera: Intrinsics, optics: Optics) -> Any:
+    def scene(camera: Intrinsics, optics: StereoOptics) -> Any:
         pairs = [
             wall_and_panel(camera, optics, 1.5, 0.4, left, left + 0.1)
             for left in np.linspace(-0.02, 0.05, 32)
@@ -165,7 +165,7 @@ def test_torch_gives_the_images_of_numpy() -> None:
     ground, count = terrain(), 40
     robots = poses(count, ground, seed=8)
     camera = supersampled_model_camera(ROWS, COLUMNS)
-    optics = Optics.of(camera)
+    optics = StereoOptics.of(camera)
     depth, hidden = StereoEmbree(ground, optics, RobotCamera.on(ROBOT, camera)).render_pair_batch(
         *robots
     )
@@ -190,7 +190,7 @@ def test_cameras_of_one_batch_may_differ() -> None:
     sigma = np.where(np.arange(count) % 2 == 0, 0.02, 0.3)
     config = replace(UNFILTERED, disparity_noise=DisparityNoise(sigma=sigma))
 
-    def level_ground(camera: Intrinsics, optics: Optics) -> Any:
+    def level_ground(camera: Intrinsics, optics: StereoOptics) -> Any:
         eye = RobotCamera.on(ROBOT, camera, legs=False)
         position, quaternion = (
             np.tile([0.0, 0.0, 0.3], (count, 1)),

@@ -19,7 +19,7 @@ from saltus.render.stereo.camera import StereoCamera, StereoConfig
 from saltus.render.stereo.edges import FlyingPixels, StereoEdgeHoles
 from saltus.render.stereo.image import ArrayWindows
 from saltus.render.stereo.matching import Background
-from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.optics import StereoOptics
 from saltus.render.stereo_embree import StereoEmbree
 from saltus.render.stereo_torch import KorniaWindows
 from saltus.rotations import quaternion_from_roll_pitch_yaw
@@ -58,7 +58,7 @@ def nothing_on_host(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(f"{module}.on_host", lambda _: False)
 
 
-def scene(rows: int, columns: int) -> tuple[Optics, torch.Tensor, torch.Tensor]:
+def scene(rows: int, columns: int) -> tuple[StereoOptics, torch.Tensor, torch.Tensor]:
     """Robots before and on stairs, legs in view of some."""
     rng = np.random.default_rng(2)
     terrain = make_terrain(TerrainConfig(terrain="stairs", rise_m=0.06))
@@ -66,7 +66,7 @@ def scene(rows: int, columns: int) -> tuple[Optics, torch.Tensor, torch.Tensor]:
     position = rng.uniform([0.5, -0.1, 0.25], [4.0, 0.1, 0.5], (COUNT, 3))
     position[:, 2] += terrain.height_at(position[:, 0], position[:, 1])
     quaternion = quaternion_from_roll_pitch_yaw(*rng.uniform(-0.3, 0.3, (3, COUNT)))
-    pair = StereoEmbree(terrain, Optics.of(camera), RobotCamera.on(ROBOT, camera))
+    pair = StereoEmbree(terrain, StereoOptics.of(camera), RobotCamera.on(ROBOT, camera))
     depth, hidden = pair.render_pair_batch(
         position, quaternion, ROBOT.stand_pose + rng.normal(0.0, 0.4, (COUNT, 12))
     )
@@ -75,7 +75,7 @@ def scene(rows: int, columns: int) -> tuple[Optics, torch.Tensor, torch.Tensor]:
 
 def images(
     config: StereoConfig,
-    optics: Optics,
+    optics: StereoOptics,
     depth: Any,
     hidden: Any,
     device: str = "cpu",
@@ -112,14 +112,14 @@ def test_no_shape_and_no_step_depends_on_values(
     shape = COUNT, camera.height, camera.width
     depth = torch.empty(shape, device="meta")
     hidden = torch.empty(shape, dtype=torch.bool, device="meta")
-    for image in images(config, Optics.of(camera), depth, hidden, "meta"):
+    for image in images(config, StereoOptics.of(camera), depth, hidden, "meta"):
         assert (tuple(image.shape), image.device.type, image.dtype) == (
             shape,
             "meta",
             torch.float32,
         )
     if config is not EACH_ITS_OWN:  # whose parameters are numpy's, and are sent at every step
-        images(config, Optics.of(camera), depth, hidden, "meta", watch=NoTransfers())
+        images(config, StereoOptics.of(camera), depth, hidden, "meta", watch=NoTransfers())
     with pytest.raises(NotImplementedError):
         torch.nonzero(hidden)
     with pytest.raises(RuntimeError):

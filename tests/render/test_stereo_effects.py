@@ -19,10 +19,10 @@ from saltus.errors import ConfigError
 from saltus.render.stereo.camera import IDEAL_STEREO, UNFILTERED, StereoCamera, StereoConfig
 from saltus.render.stereo.image import StereoImage, depth_of, stereo_image
 from saltus.render.stereo.matching import Background
-from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.optics import StereoOptics
 
 SMALL = Intrinsics(width=64, height=40, fx=211.313, fy=211.313, cx=40.0, cy=20.0)
-OPTICS = Optics.of(SMALL, sensor=SMALL)
+OPTICS = StereoOptics.of(SMALL, sensor=SMALL)
 DEFAULTS = StereoConfig()
 EXAMPLES = DEFAULTS.effects
 CAMERAS = 3
@@ -174,9 +174,9 @@ def test_ideal_camera_returns_what_it_gets() -> None:
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
 def test_impossible_optics_are_refused(value: float) -> None:
     with pytest.raises(ConfigError, match="focal length"):
-        Optics.of(replace(SMALL, fx=value))
+        StereoOptics.of(replace(SMALL, fx=value))
     with pytest.raises(ConfigError, match="baseline_m"):
-        Optics.of(SMALL, baseline_m=value)
+        StereoOptics.of(SMALL, baseline_m=value)
 
 
 def only(*names: str, **changes: Any) -> StereoConfig:
@@ -185,7 +185,7 @@ def only(*names: str, **changes: Any) -> StereoConfig:
 
 def series(
     config: StereoConfig,
-    optics: Optics,
+    optics: StereoOptics,
     depth: Any,
     hidden: Any,
     frames: int,
@@ -206,7 +206,7 @@ def test_axial_noise_is_that_of_stereo(depth_m: float) -> None:
     whole millimetres add to it at 0.3 m.
     """
     crop = replace(D435I, width=200, height=120, cx=100.0)
-    optics = Optics.of(crop)
+    optics = StereoOptics.of(crop)
     depth, hidden = flat_wall(crop, depth_m)
     frames = series(only("disparity_noise", "disparity_step"), optics, depth, hidden, 12)
     expected = depth_m**2 * 0.08 / optics.disparity_at_1m
@@ -224,7 +224,10 @@ def test_axial_noise_is_that_of_stereo(depth_m: float) -> None:
 def test_noise_is_correlated_over_the_window_and_from_frame_to_frame() -> None:
     crop = replace(D435I, width=200, height=120)
     depth, hidden = flat_wall(crop, 1.0)
-    noise = series(only("disparity_noise"), Optics.of(crop), depth, hidden, 40, period_s=0.02) - 1.0
+    noise = (
+        series(only("disparity_noise"), StereoOptics.of(crop), depth, hidden, 40, period_s=0.02)
+        - 1.0
+    )
     variance = np.mean(noise**2)
     for axis in (1, 2):
         lagged = np.mean(
@@ -236,7 +239,7 @@ def test_noise_is_correlated_over_the_window_and_from_frame_to_frame() -> None:
 
 
 def test_left_band_and_minimum_depth_are_those_of_the_geometry() -> None:
-    optics = Optics.of(D435I)
+    optics = StereoOptics.of(D435I)
     for depth_m in (0.15, 0.3, 1.0):
         depth, hidden = flat_wall(D435I, depth_m)
         (frame,) = series(only("search_range"), optics, depth, hidden, 1)
@@ -251,7 +254,7 @@ def test_left_band_and_minimum_depth_are_those_of_the_geometry() -> None:
 
 
 def test_shadow_lies_left_of_what_is_near_and_is_as_wide_as_the_geometry() -> None:
-    optics = Optics.of(D435I)
+    optics = StereoOptics.of(D435I)
     depth, hidden = wall_and_panel(D435I, optics, 2.0, 0.5, -0.3, 0.2)
     (frame,) = series(only("baseline_occlusion"), optics, depth, hidden, 1)
     columns = np.flatnonzero(frame[0] == 0.0)
@@ -261,7 +264,7 @@ def test_shadow_lies_left_of_what_is_near_and_is_as_wide_as_the_geometry() -> No
 
 
 def test_edge_holes_and_flying_pixels_stay_at_edges() -> None:
-    optics = Optics.of(D435I)
+    optics = StereoOptics.of(D435I)
     depth, hidden = wall_and_panel(D435I, optics, 2.0, 0.5, -0.3, 0.2)
     config = only(
         "edge_holes", "flying_pixels", edge_holes=replace(DEFAULTS.edge_holes, fraction=0.3)
@@ -282,7 +285,7 @@ def test_edge_holes_and_flying_pixels_stay_at_edges() -> None:
 
 def test_far_and_grazing_surfaces_are_lost() -> None:
     crop = replace(D435I, width=80, height=60, cx=40.0, cy=30.0)
-    optics = Optics.of(crop)
+    optics = StereoOptics.of(crop)
     share = [
         np.mean(series(only("weak_signal"), optics, *flat_wall(crop, z), 4) == 0.0)
         for z in (3.0, 10.0, 30.0)

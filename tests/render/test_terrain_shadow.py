@@ -11,14 +11,14 @@ from samples import ROBOT
 from saltus.config import TerrainConfig
 from saltus.depth import supersampled_model_camera
 from saltus.render.camera import RobotCamera, camera_pose, ray_directions
-from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.optics import StereoOptics
 from saltus.render.stereo_embree import ALONG_RAY, FARTHEST_M, StereoEmbree, doubtful
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 
 CAMERA = supersampled_model_camera(3, 1)
-OPTICS = Optics.of(CAMERA)
+OPTICS = StereoOptics.of(CAMERA)
 COUNT = 60
 NEAR_EDGE = 1e-5  # [m]: Embree counts in float32
 

@@ -14,16 +14,16 @@ from saltus.depth import MODEL_CAMERA, Intrinsics, supersampled_model_camera
 from saltus.errors import SaltusError
 from saltus.render.camera import RobotCamera
 from saltus.render.embree import EmbreeRenderer
-from saltus.render.stereo.optics import Optics
+from saltus.render.stereo.optics import StereoOptics
 from saltus.render.stereo_embree import StereoEmbree
 from saltus.render.warp import WarpCaster, WarpRenderer
 from saltus.robots.mount import Mount
 from saltus.rotations import quaternion_from_roll_pitch_yaw
-from saltus.terrain.batch import BOXES, DRAWS, draw_courses
 from saltus.terrain.boxes import Boxes
+from saltus.terrain.course_batch import BOXES, DRAWS, draw_courses
 from saltus.terrain.curriculum import make_terrain
-from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import BOTTOM, Terrain
+from saltus.terrain.terrain_stack import TerrainStack
 
 STAIRS = make_terrain(TerrainConfig(terrain="stairs"))
 
@@ -135,7 +135,7 @@ def test_a_camera_under_ground_sees_out_as_meshes_let_it() -> None:
 
 def test_the_second_view_is_that_of_embree() -> None:
     camera = supersampled_model_camera(3, 1)
-    optics = Optics.of(camera)
+    optics = StereoOptics.of(camera)
     where = robots(100)
     depth, hidden = StereoEmbree(STAIRS, optics, RobotCamera.on(ROBOT, camera)).render_pair_batch(
         *where

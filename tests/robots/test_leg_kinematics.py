@@ -9,7 +9,7 @@ from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import LEGS, Robot
 from saltus.robots.shipped import shipped_robots
-from saltus.sim import scene
+from saltus.sim import robot_model
 from saltus.terrain.curriculum import make_terrain
 
 RNG = np.random.default_rng(0)
@@ -40,7 +40,7 @@ def reachable(robot) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def model(robot):
-    return scene.build_spec(robot, make_terrain(TerrainConfig(terrain="flat"))).compile()
+    return robot_model.build_spec(robot, make_terrain(TerrainConfig(terrain="flat"))).compile()
 
 
 def test_inverse_undoes_forward_kinematics(kinematics, reachable):

@@ -7,7 +7,7 @@ import pytest
 from saltus.constants import GRAVITY
 from saltus.effects.motors import TorqueSpeedLimit
 from saltus.effects.profile import load_profile
-from saltus.effects.signals import Drive
+from saltus.effects.signals import DriveTorque
 from saltus.joint_command import JointCommand
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import derive_robot, load_robot
@@ -172,14 +172,14 @@ def test_its_drives_give_no_torque_beyond_its_limits_and_none_at_its_speed(robot
     ]
     speeds = np.linspace(0.0, 1.2, 49)[:, None] * robot.speed_limit
     for way in (1.0, -1.0):
-        asked = Drive(
+        asked = DriveTorque(
             position=0.0 * speeds, velocity=way * speeds, torque=np.full_like(speeds, 1e3) * way
         )
         along = way * limit.apply(asked, 0.0, None)[0].torque
         assert np.all(along <= robot.torque_limit)
         assert np.all(np.diff(along, axis=0) <= 0.0)
         np.testing.assert_array_equal(along[speeds[:, 0] >= robot.speed_limit[0]], 0.0)
-        braking = Drive(
+        braking = DriveTorque(
             position=0.0 * speeds, velocity=-way * speeds, torque=np.full_like(speeds, 1e3) * way
         )
         held = way * limit.apply(braking, 0.0, None)[0].torque

@@ -15,10 +15,10 @@ from samples import ROBOT
 
 from saltus.errors import ConfigError
 from saltus.recordings import ros_messages as ros
-from saltus.recordings.images import info_of
-from saltus.ros2.bridge import Receiver
+from saltus.recordings.ros_images import info_of
+from saltus.ros2.bridge import RosReceiver
 from saltus.ros2.incoming import DEPTH, RosIntake
-from saltus.ros2.outgoing import Exporter
+from saltus.ros2.outgoing import RosExporter
 from saltus.wire.bus import RawSample, Slot
 
 
@@ -85,7 +85,7 @@ def test_images_of_each_camera_go_to_its_own_key_with_its_own_intrinsics(ending:
     intake = RosIntake(ROBOT, LOCKSTEP, has_joints=False, cameras={"rear": rear})
     bus = MemoryBus("robot/0")
     latests = {name: bus.latest("camera/depth", name) for name in ("", "rear")}
-    receiver = Receiver(bus, Graph(), intake, topics, Now(), [].append)  # type: ignore[arg-type]
+    receiver = RosReceiver(bus, Graph(), intake, topics, Now(), [].append)  # type: ignore[arg-type]
     longer = np.asarray(info.p) * np.where(np.arange(12) == 0, 1.5, 1.0)
     infos = {info_of(DEPTH): info, info_of(rear): replace(info, p=longer)}
     depth = np.where(frame.depth == 65535, 0, frame.depth).astype(np.uint16)
@@ -241,7 +241,7 @@ def test_images_of_32_bit_in_millimetres_are_refused_until_their_unit_is_stated(
 @pytest.mark.parametrize("unit_m", [1e-4, 1e-3, 2.5e-3])
 def test_depth_for_ros_is_in_millimetres_and_0_where_there_is_none(unit_m: float) -> None:
     frame: Any = replace(dict(run_messages(2))["camera/depth"], depth_unit_m=unit_m)  # type: ignore[arg-type]
-    (image, _) = (out.message for out in Exporter(ROBOT, LOCKSTEP).of_frame(frame))
+    (image, _) = (out.message for out in RosExporter(ROBOT, LOCKSTEP).of_frame(frame))
     pixels = image.data.view(np.uint16).reshape(frame.depth.shape).astype(float)
     nothing = (frame.depth == 0) | (frame.depth == 65535)
     assert nothing.any()

@@ -21,9 +21,9 @@ from saltus.recordings import ros_messages as ros
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import JOINTS
 from saltus.robots.shipped import shipped_robots
-from saltus.ros2.bridge import Receiver
+from saltus.ros2.bridge import RosReceiver
 from saltus.ros2.incoming import HELD_S, TYPES, RosIntake
-from saltus.ros2.outgoing import HEIGHTS, EstimatedWay, Exporter
+from saltus.ros2.outgoing import HEIGHTS, EstimatedWay, RosExporter
 from saltus.ros2.outgoing import ROBOT as OF_ROBOT
 from saltus.ros2.wall_clock import WallClock
 from saltus.rotations import rotation_matrix
@@ -181,7 +181,8 @@ def test_what_is_refused_is_told_while_it_goes_on_and_not_again_and_again() -> N
 
     intake, told = RosIntake(ROBOT, LOCKSTEP), list[str]()
     node, topics = Silent(), dict.fromkeys(TYPES, "/it")
-    receiver = Receiver(MemoryBus("robot/0"), node, intake, topics, None, told.append)  # type: ignore[arg-type]
+    bus = MemoryBus("robot/0")
+    receiver = RosReceiver(bus, node, intake, topics, None, told.append)  # type: ignore[arg-type]
     for now_s, refused in ((0.0, 0), (1.0, 3), (2.5, 4), (5.0, 0), (7.5, 1)):
         if refused:
             intake.rejected["joints/clock"] += refused
@@ -247,7 +248,7 @@ def test_times_of_ros_and_of_a_run_at_any_speed_are_turned_into_each_other() -> 
 
 def test_frames_for_ros_say_the_attitude_and_only_the_yaw() -> None:
     """base in odom is turned as the IMU says, base_yaw by the yaw alone, whatever the attitude."""
-    exporter = Exporter(ROBOT, LOCKSTEP)
+    exporter = RosExporter(ROBOT, LOCKSTEP)
     for step in range(STEPS):
         state: Any = dict(run_messages(step))["controller/state"]
         (frames,) = (out.message for out in exporter.of_state(state) if out.topic == "/tf")

@@ -45,7 +45,7 @@ def test_other_shapes_are_refused() -> None:
 
 def test_what_is_deployed_loads_no_checks() -> None:
     loaded = (
-        "import sys, saltus.controller.loop, saltus.effects.chain; "
+        "import sys, saltus.controller.control_loop, saltus.effects.chain; "
         "assert 'jaxtyping' not in sys.modules"
     )
     assert python(loaded).returncode == 0

@@ -9,9 +9,9 @@ from saltus.config import TerrainConfig
 from saltus.effects.chain import ActuatorChain
 from saltus.effects.motors import ActuatorLag
 from saltus.joint_command import JointCommand
-from saltus.sim.batch import BatchPlant
+from saltus.sim.batch_plant import BatchPlant
 from saltus.sim.plant import Plant
-from saltus.sim.state import PlantState
+from saltus.sim.plant_state import PlantState
 from saltus.terrain.curriculum import FAMILIES, make_terrain
 
 TURNED = random_terrain(1)

@@ -8,7 +8,7 @@ from samples import setups_of
 from saltus.config import TerrainConfig
 from saltus.loop.body import Body
 from saltus.plan import REST, Plan
-from saltus.states import RobotStates
+from saltus.states import ProprioceptionArrays
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
 from saltus.wire.messages import ControllerMode
@@ -32,7 +32,7 @@ def step(body: Body, count: int) -> None:
     body.step(plan, ControllerMode.RUN)
 
 
-def known(states: RobotStates, robots: object) -> dict[str, np.ndarray]:
+def known(states: ProprioceptionArrays, robots: object) -> dict[str, np.ndarray]:
     return {f.name: np.asarray(getattr(states, f.name))[robots] for f in fields(states)[:-1]}
 
 

@@ -20,7 +20,7 @@ from saltus.effects.effect import Effect
 from saltus.effects.imu import ImuBias, ImuLatency
 from saltus.joint_command import JointCommand
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
-from saltus.sim.batch import BatchPlant
+from saltus.sim.batch_plant import BatchPlant
 from saltus.sim.plant import Plant
 from saltus.terrain import flat
 

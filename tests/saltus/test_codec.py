@@ -119,7 +119,7 @@ def test_bytes_of_another_kind_are_refused(kind: type[Message]) -> None:
     ("kind", "field", "bad"), BAD_VALUES, ids=lambda x: getattr(x, "__name__", None)
 )
 def test_values_that_are_not_finite_or_not_plausible_are_refused(
-    kind: type[Message], field: schemas.Field, bad: float
+    kind: type[Message], field: schemas.MessageField, bad: float
 ) -> None:
     message = message_of(kind)
     if field.shape is None:
@@ -133,7 +133,7 @@ def test_values_that_are_not_finite_or_not_plausible_are_refused(
     assert field.name in str(caught.value)
 
 
-def fields_with(what: str) -> list[tuple[type[Message], schemas.Field]]:
+def fields_with(what: str) -> list[tuple[type[Message], schemas.MessageField]]:
     """Fields of all messages for which the table says one thing more."""
     return [
         (kind, field)
@@ -144,13 +144,13 @@ def fields_with(what: str) -> list[tuple[type[Message], schemas.Field]]:
 
 
 @pytest.mark.parametrize(("kind", "field"), fields_with("enum"))
-def test_unknown_enum_values_are_refused(kind: type[Message], field: schemas.Field) -> None:
+def test_unknown_enum_values_are_refused(kind: type[Message], field: schemas.MessageField) -> None:
     with pytest.raises(MessageError, match="enum"):
         decode(kind, encode(dataclasses.replace(message_of(kind), **{field.name: 99})))
 
 
 @pytest.mark.parametrize(("kind", "field"), fields_with("shape"))
-def test_wrong_shapes_are_not_sent(kind: type[Message], field: schemas.Field) -> None:
+def test_wrong_shapes_are_not_sent(kind: type[Message], field: schemas.MessageField) -> None:
     message = message_of(kind)
     array = getattr(message, field.name)
     for wrong in (array[..., :-1], array[None], np.array(["a"])):

@@ -17,10 +17,10 @@ from saltus.cli.main import main
 from saltus.config import RunConfig
 from saltus.drive import gamepad
 from saltus.drive.__main__ import AFTER_S, Driver, body, by_goals, by_script
-from saltus.drive.gamepad import Gamepad
+from saltus.drive.gamepad import GamepadWish
 from saltus.drive.goals import REACHED_M, Goals
-from saltus.drive.keys import MODES, MOST, STEP, VELOCITIES, pressed, unbuffered
-from saltus.drive.script import Script
+from saltus.drive.keyboard import MODES, MOST, STEP, VELOCITIES, pressed, unbuffered
+from saltus.drive.script import WishScript
 from saltus.drive.wish import STAND, Wish
 from saltus.errors import ConfigError
 from saltus.rotations import quaternion_from_roll_pitch_yaw
@@ -59,7 +59,7 @@ def test_each_row_of_a_script_holds_until_the_next(tmp_path: Path) -> None:
             f"{time!r},walk,{','.join(map(repr, row.tolist()))}\n"
             for time, row in zip(times, speeds, strict=False)
         ]
-        wishes = Script(script(tmp_path, "".join([*rows, f"{times[4]!r},lie_down\n"])))
+        wishes = WishScript(script(tmp_path, "".join([*rows, f"{times[4]!r},lie_down\n"])))
         assert wishes.wish(times[0] - 1e-9, state(0)) == STAND
         for k, row in enumerate(speeds):
             for time in (times[k], 0.5 * (times[k] + times[k + 1])):
@@ -91,14 +91,14 @@ def test_a_script_that_is_wrong_is_refused_with_its_line(
 ) -> None:
     path = script(tmp_path, rows)
     with pytest.raises(ConfigError, match=f"script.csv: .*{said}"):
-        Script(path)
+        WishScript(path)
 
 
 def test_columns_that_are_unknown_or_missing_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="no column 'speed'"):
-        Script(script(tmp_path, "", "time_s,mode,speed\n"))
+        WishScript(script(tmp_path, "", "time_s,mode,speed\n"))
     with pytest.raises(ConfigError, match="must name the columns"):
-        Script(script(tmp_path, "1,walk\n", "time_s,ahead_mps\n"))
+        WishScript(script(tmp_path, "1,walk\n", "time_s,ahead_mps\n"))
 
 
 def test_a_script_begins_with_the_first_state_and_ends_after_its_last_row(tmp_path: Path) -> None:
@@ -242,7 +242,7 @@ def test_the_command_refuses_in_one_line(
 
 
 @pytest.fixture
-def pad() -> Iterator[tuple[Gamepad, Callable[..., None], int]]:
+def pad() -> Iterator[tuple[GamepadWish, Callable[..., None], int]]:
     """A gamepad, what sends it an event in parts, and the end that sends."""
     device, sender = os.pipe()
     os.set_blocking(device, False)
@@ -254,7 +254,7 @@ def pad() -> Iterator[tuple[Gamepad, Callable[..., None], int]]:
         driven.wish()
         os.write(sender, event[cut:])
 
-    driven = Gamepad(device)
+    driven = GamepadWish(device)
     yield driven, send, sender
     os.close(device)
 

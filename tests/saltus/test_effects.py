@@ -12,12 +12,12 @@ from saltus.effects.camera import CameraChain
 from saltus.effects.chain import ActuatorChain, Torques, proportional_derivative
 from saltus.effects.delay_line import CommandDelay, FeedforwardDelay
 from saltus.effects.effect import Effect
-from saltus.effects.fields import draw_keys, uniform
 from saltus.effects.heightmap_shift import HeightmapShift
 from saltus.effects.image_delivery import CameraLatency, FrameDrop, SampleAndHold
 from saltus.effects.motors import ActuatorLag, TorqueGain, TorqueSaturation, TorqueSpeedLimit
 from saltus.effects.profile import IDEAL, Profile, load_profile
-from saltus.effects.signals import DepthImage, Drive, HeightQuery
+from saltus.effects.random_fields import draw_keys, uniform
+from saltus.effects.signals import DepthImage, DriveTorque, HeightQuery
 from saltus.errors import ConfigError
 from saltus.joint_command import JointCommand
 
@@ -30,8 +30,8 @@ def command(torque: float = 0.0, position: float = 0.0) -> JointCommand:
     )
 
 
-def drive(torque: Any, velocity: Any = 0.0) -> Drive:
-    return Drive(torque=ZERO + torque, position=ZERO, velocity=ZERO + velocity)
+def drive(torque: Any, velocity: Any = 0.0) -> DriveTorque:
+    return DriveTorque(torque=ZERO + torque, position=ZERO, velocity=ZERO + velocity)
 
 
 def chain_run(effects: tuple[Effect[Any], ...], commands: list[JointCommand]) -> list[Torques]:

@@ -31,9 +31,9 @@ from saltus.effects.profile import EFFECTS, IDEAL, PARTS, Profile
 from saltus.effects.signals import (
     CameraView,
     DepthImage,
-    Drive,
+    DriveTorque,
+    EncoderReading,
     HeightQuery,
-    JointState,
     Resistance,
 )
 from saltus.errors import ConfigError
@@ -144,11 +144,11 @@ def signals(site: str, batch: tuple[int, ...], dtype: Any = np.float64) -> list[
                 torque=array(12, scale=20.0),
             )
         if site == "torque":
-            return Drive(
+            return DriveTorque(
                 torque=array(12, scale=20.0), position=array(12), velocity=array(12, scale=15.0)
             )
         if site == "joint_state":
-            return JointState(position=array(12), velocity=array(12))
+            return EncoderReading(position=array(12), velocity=array(12))
         if site == "joint":
             return Resistance(
                 velocity=array(12), friction=array(12), damping=array(12), armature=array(12)

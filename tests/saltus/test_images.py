@@ -7,7 +7,7 @@ import pytest
 
 from saltus.depth import NOTHING
 from saltus.errors import MessageError
-from saltus.recordings.images import millimetres, pixels_of
+from saltus.recordings.ros_images import millimetres, pixels_of
 
 
 @pytest.mark.parametrize(

@@ -16,10 +16,10 @@ from saltus.effects.chain import ActuatorChain, BodyChain
 from saltus.effects.effect import Effect
 from saltus.effects.encoders import EncoderBias, EncoderQuantisation, VelocityFilter, VelocityScale
 from saltus.effects.motors import BatterySag, VoltageSag
-from saltus.effects.signals import Drive, JointState, Resistance
+from saltus.effects.signals import DriveTorque, EncoderReading, Resistance
 from saltus.joint_command import JointCommand
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
-from saltus.sim.batch import BatchPlant
+from saltus.sim.batch_plant import BatchPlant
 from saltus.sim.cpu_engine import CpuEngine
 from saltus.sim.plant import Plant
 from saltus.terrain import flat
@@ -211,7 +211,9 @@ def test_the_stribeck_curve() -> None:
 def test_sag_is_linear_and_ends() -> None:
     sag = BatterySag(loss_at_end=0.2, duration_s=10.0)
     for time_s, gain in ((-1.0, 1.0), (0.0, 1.0), (5.0, 0.9), (10.0, 0.8), (20.0, 0.8)):
-        out, _ = sag.apply(Drive(torque=ZERO + 10.0, position=ZERO, velocity=ZERO), time_s, None)
+        out, _ = sag.apply(
+            DriveTorque(torque=ZERO + 10.0, position=ZERO, velocity=ZERO), time_s, None
+        )
         np.testing.assert_allclose(out.torque, 10.0 * gain)
 
 
@@ -223,7 +225,7 @@ def test_voltage_falls_with_the_power_that_is_taken_and_no_power_is_beyond_the_b
     sag = VoltageSag(per_kw=float(rng.uniform(0.05, 2.0)))
     for scale in (0.0, 1.0, 30.0, 3000.0):
         torque, velocity = scale * rng.normal(size=(2, 4, 12))
-        drive = Drive(torque=torque, position=0.0 * torque, velocity=velocity)
+        drive = DriveTorque(torque=torque, position=0.0 * torque, velocity=velocity)
         out, on = sag.apply(drive, 0.0, None)
         assert np.all(on == 1.0)
         along = torque * velocity > 0.0
@@ -241,7 +243,7 @@ def test_a_robot_that_goes_out_gives_no_torque_again(seed: int) -> None:
     power_w = 1e3 * (1.0 / sag.brown_out - 1.0) / sag.per_kw  # at which it goes out
     memory = None
     for share, gives in ((0.99, True), (0.5, True), (1.01, False), (0.0, False), (0.5, False)):
-        drive = Drive(torque=ZERO + power_w / 12.0, position=ZERO, velocity=ZERO + share)
+        drive = DriveTorque(torque=ZERO + power_w / 12.0, position=ZERO, velocity=ZERO + share)
         out, memory = sag.apply(drive, 0.0, memory)
         assert bool(np.all(out.torque > 0.0)) is gives
         assert gives or not out.torque.any()
@@ -251,7 +253,7 @@ def test_a_filtered_ramp_is_late_by_the_time_constant() -> None:
     low_pass, state = VelocityFilter(time_constant=0.01), None
     for k in range(100):
         out, state = low_pass.apply(
-            JointState(position=ZERO, velocity=ZERO + k * PHYSICS_DT), 0.0, state
+            EncoderReading(position=ZERO, velocity=ZERO + k * PHYSICS_DT), 0.0, state
         )
     np.testing.assert_allclose(out.velocity, 99 * PHYSICS_DT - 0.01, atol=1e-6)
 
@@ -267,7 +269,7 @@ def test_play_is_as_wide_as_it_says_and_loses_no_momentum() -> None:
     for k in range(80):
         torque = 0.5 if (k // 20) % 2 == 0 else -0.5
         out, state = play.apply(
-            Drive(torque=ZERO + torque, position=ZERO, velocity=ZERO), 0.0, state
+            DriveTorque(torque=ZERO + torque, position=ZERO, velocity=ZERO), 0.0, state
         )
         offsets.append(state[0][0])
         torques.append(float(out.torque[0]))

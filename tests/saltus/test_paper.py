@@ -28,7 +28,7 @@ from saltus.config import TerrainConfig
 from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.profile import Profile
 from saltus.errors import SaltusError
-from saltus.policy.evaluation.trace import Trace
+from saltus.policy.evaluation.trial_trace import TrialTrace
 from saltus.provenance import commit
 from saltus.real2sim.experiments.menu import experiment_named
 from saltus.real2sim.experiments.run import run
@@ -78,7 +78,7 @@ def begun(whole: Ran) -> Ran:
         name: getattr(whole, name)[:rows] for name in ("reference", "velocity", "frequency_hz")
     }
     outcome = replace(whole.outcome, success=False, cause="ended")
-    cut = Trace(**{name: values[:rows] for name, values in vars(trace).items()})
+    cut = TrialTrace(**{name: values[:rows] for name, values in vars(trace).items()})
     return replace(whole, outcome=outcome, failure="timeout", trace=cut, **short)
 
 

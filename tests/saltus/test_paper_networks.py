@@ -23,8 +23,8 @@ from saltus.heightmap.training import calibration
 from saltus.heightmap.training.train import load_checkpoint
 from saltus.loop.planner import observe
 from saltus.policy.bounds import ACTIONS, plan_from_values
-from saltus.policy.env.settings import TrainSettings
-from saltus.policy.features import PROPRIOCEPTION_SIZE, features
+from saltus.policy.env.settings import JumpTrainSettings
+from saltus.policy.policy_features import PROPRIOCEPTION_SIZE, features
 from saltus.resources import resource
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
@@ -116,7 +116,7 @@ def test_an_imitator_that_is_told_what_to_plan_plans_as_the_policy_does(tmp_path
     """A network whose answer is always one plan, through the file,
     the place of heights, and the planner.
     """
-    robot, config = load_robot(DEFAULT_ROBOT), TrainSettings(robot="go1", grid="line")
+    robot, config = load_robot(DEFAULT_ROBOT), JumpTrainSettings(robot="go1", grid="line")
     observation = observe(standing_state(robot), LegKinematics(robot))
     heights = np.full(len(HEIGHTMAP_X), -robot.stand_height)
     plan = config.env.bounds.denormalised(np.random.default_rng(0).uniform(-1.0, 1.0, len(ACTIONS)))

@@ -12,7 +12,7 @@ from saltus.errors import SaltusError
 from saltus.joint_command import JointCommand
 from saltus.rotations import rotation_matrix
 from saltus.sim.plant import Plant
-from saltus.sim.state import PlantState
+from saltus.sim.plant_state import PlantState
 from saltus.terrain import flat
 from saltus.terrain.curriculum import FAMILIES, make_terrain
 

@@ -6,8 +6,8 @@ from saltus.config import TerrainConfig
 from saltus.constants import POLICY_DT, POLICY_STEPS
 from saltus.joint_command import JointCommand
 from saltus.loop.loop import PUSH_STEPS, Pushes
-from saltus.policy.evaluation.evaluate import Evaluation
-from saltus.sim.batch import BatchPlant
+from saltus.policy.evaluation.evaluate import EvaluationSettings
+from saltus.sim.batch_plant import BatchPlant
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
 
@@ -56,8 +56,8 @@ def test_a_push_moves_a_robot_in_the_air_by_its_impulse() -> None:
 def test_friction_that_is_given_wins_over_what_trials_draw() -> None:
     course = TerrainConfig(terrain="flat")
     drawn, given = (
-        Evaluation(robot="go1", grid="line", course=course),
-        Evaluation(robot="go1", grid="line", course=course, friction=0.35),
+        EvaluationSettings(robot="go1", grid="line", course=course),
+        EvaluationSettings(robot="go1", grid="line", course=course, friction=0.35),
     )
     assert [given.trial(seed).friction for seed in SEEDS] == [0.35] * len(SEEDS)
     assert len({drawn.trial(seed).friction for seed in SEEDS}) == len(SEEDS)

@@ -12,8 +12,8 @@ from saltus.cli.main import main
 from saltus.effects.joint_loads import CoulombFriction
 from saltus.effects.profile import load_profile
 from saltus.errors import ConfigError
-from saltus.real2sim.patch import Applicability, Patch
-from saltus.real2sim.search.findings import FoundEffect, Interval
+from saltus.real2sim.patch import PatchRange, ProfilePatch
+from saltus.real2sim.search.findings import FoundEffect, ParameterInterval
 from saltus.recordings.run_log import read_run_log
 
 
@@ -28,10 +28,10 @@ def patch(tmp_path: Path) -> Path:
     friction = FoundEffect(
         name="coulomb_friction",
         where=("FR_calf",),
-        params={"torque": Interval(value=0.3, ci90=(0.28, 0.32), unit="Nm")},
+        params={"torque": ParameterInterval(value=0.3, ci90=(0.28, 0.32), unit="Nm")},
     )
     path = tmp_path / "patch.toml"
-    path.write_text(Patch(effects=(friction,), evidence=(), range=Applicability()).to_toml())
+    path.write_text(ProfilePatch(effects=(friction,), evidence=(), range=PatchRange()).to_toml())
     return path
 
 

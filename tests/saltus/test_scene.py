@@ -6,7 +6,7 @@ from samples import KINEMATICS, ROBOT
 from saltus.constants import PHYSICS_DT
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import JOINTS, LEGS
-from saltus.sim import scene
+from saltus.sim import robot_model
 from saltus.terrain import flat, level
 
 POSES = np.random.default_rng(0).uniform(ROBOT.joint_lower, ROBOT.joint_upper, (20, 12))
@@ -14,7 +14,7 @@ POSES = np.random.default_rng(0).uniform(ROBOT.joint_lower, ROBOT.joint_upper, (
 
 @pytest.fixture(scope="module")
 def model() -> mujoco.MjModel:
-    return scene.build_spec(ROBOT, flat.make()).compile()
+    return robot_model.build_spec(ROBOT, flat.make()).compile()
 
 
 def in_the_air(model: mujoco.MjModel, pose: np.ndarray) -> mujoco.MjData:
@@ -26,7 +26,7 @@ def in_the_air(model: mujoco.MjModel, pose: np.ndarray) -> mujoco.MjData:
 
 @pytest.mark.parametrize("payload_kg", [0.0, 0.4, 1.5])
 def test_mass_is_the_published_one_and_the_payload(payload_kg: float) -> None:
-    model = scene.build_spec(ROBOT, flat.make(), payload_kg=payload_kg).compile()
+    model = robot_model.build_spec(ROBOT, flat.make(), payload_kg=payload_kg).compile()
     assert model.body_mass.sum() == pytest.approx(ROBOT.mass + payload_kg, abs=1e-9)
     assert pytest.approx(12.743, abs=1e-3) == ROBOT.mass
 
@@ -63,7 +63,7 @@ def test_positive_torque_accelerates_a_joint_forward(model: mujoco.MjModel, join
     assert data.qfrc_actuator[6 + joint] == 1.0
 
 
-@pytest.mark.parametrize("link", [scene.TRUNK, *JOINTS])
+@pytest.mark.parametrize("link", [robot_model.TRUNK, *JOINTS])
 def test_inertia_tensors_belong_to_real_bodies(model: mujoco.MjModel, link: str) -> None:
     moments = np.sort(model.body(link).inertia)
     assert np.all(moments > 0.0)
@@ -84,8 +84,8 @@ def test_the_legs_mirror_each_other(model: mujoco.MjModel) -> None:
 
 
 def test_everything_touches_the_terrain_and_nothing_itself(model: mujoco.MjModel) -> None:
-    robot = model.geom_group == scene.ROBOT_GROUP
-    terrain = model.geom_group == scene.TERRAIN_GROUP
+    robot = model.geom_group == robot_model.ROBOT_GROUP
+    terrain = model.geom_group == robot_model.TERRAIN_GROUP
     touches = (model.geom_contype[:, None] & model.geom_conaffinity[None, :]) != 0
     touches |= touches.T
     assert robot.sum() == 17
@@ -94,30 +94,30 @@ def test_everything_touches_the_terrain_and_nothing_itself(model: mujoco.MjModel
 
 
 def test_options_reach_the_model(model: mujoco.MjModel) -> None:
-    plain = model.body(scene.TRUNK).ipos
+    plain = model.body(robot_model.TRUNK).ipos
     shift = np.array([0.02, -0.01, 0.03])
-    model = scene.build_spec(
+    model = robot_model.build_spec(
         ROBOT,
         level.make("stairs", steps=3, rise_m=0.1, run_m=0.3),
         friction=0.33,
         com_shift=shift,
         columns=9,
     ).compile()
-    np.testing.assert_allclose(model.body(scene.TRUNK).ipos, plain + shift)
-    assert np.all(model.geom_friction[model.geom_group == scene.ROBOT_GROUP, 0] == 0.33)
-    assert (model.geom_group == scene.TERRAIN_GROUP).sum() == 9
+    np.testing.assert_allclose(model.body(robot_model.TRUNK).ipos, plain + shift)
+    assert np.all(model.geom_friction[model.geom_group == robot_model.ROBOT_GROUP, 0] == 0.33)
+    assert (model.geom_group == robot_model.TERRAIN_GROUP).sum() == 9
 
 
 @pytest.mark.parametrize("name", ["go1", "go2"])
 def test_payload_lies_on_the_trunk(name: str) -> None:
     """Its mass is in the middle of its box, whose bottom touches the top of the trunk's."""
     robot = load_robot(name)
-    model = scene.build_spec(robot, flat.make(), payload_kg=1.5).compile()
+    model = robot_model.build_spec(robot, flat.make(), payload_kg=1.5).compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
-    trunk, payload = model.body(scene.TRUNK).id, model.body(scene.PAYLOAD).id
+    trunk, payload = model.body(robot_model.TRUNK).id, model.body(robot_model.PAYLOAD).id
     above = (data.xipos[payload] - data.xpos[trunk]) @ data.xmat[trunk].reshape(3, 3)
     x, y, z = robot.trunk_center
-    top = z + 0.5 * (robot.trunk_size[2] + scene.PAYLOAD_SIZE[2])
+    top = z + 0.5 * (robot.trunk_size[2] + robot_model.PAYLOAD_SIZE[2])
     np.testing.assert_allclose(above, [x, y, top], atol=1e-12)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from saltus.cli.signals import ENDING, Ended, ending_by_signals
+from saltus.cli.stop_signals import ENDING, Ended, ending_by_signals
 
 SCRIPT = """
 import sys, time

@@ -16,11 +16,11 @@ from strange_models import strange_models
 from saltus.arrays import Floats
 from saltus.errors import ModelError
 from saltus.grid import LINE
-from saltus.heightmap.service.features import PROPRIOCEPTION
 from saltus.heightmap.service.network import HeightmapNetwork
+from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 from saltus.model_file import ModelFile
 from saltus.policy.actor import PolicyActor
-from saltus.policy.features import size_with
+from saltus.policy.policy_features import size_with
 from saltus.resources import resource
 
 

@@ -20,7 +20,7 @@ from saltus.grid import HeightGrid
 from saltus.heightmap.settings import PredictorTraining as HeightmapTrainConfig
 from saltus.policy.env.settings import for_gpu
 from saltus.robots.shipped import SUPPLEMENT_FILE, shipped_folder
-from saltus.robots.supplement import Supplement
+from saltus.robots.supplement import RobotSupplement
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 
@@ -40,7 +40,7 @@ TABLES: dict[str, tuple[str, Callable[[str], Any]]] = {
     "grid": (HeightGrid(x=(-0.1, 0.1)).to_toml(), HeightGrid.from_toml),
     "robot": (
         (shipped_folder("go1") / SUPPLEMENT_FILE).read_text(),
-        partial(from_toml, Supplement),
+        partial(from_toml, RobotSupplement),
     ),
     "training of policies": (
         to_toml(for_gpu("go1", "line")),

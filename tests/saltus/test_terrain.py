@@ -13,12 +13,12 @@ from terrain_families import FAMILY, name_of
 
 from saltus.config import TerrainConfig
 from saltus.errors import ConfigError
-from saltus.sim import scene
+from saltus.sim import robot_model
 from saltus.terrain.boxes import Box, Boxes
+from saltus.terrain.course_law import KINDS as LEVEL
 from saltus.terrain.curriculum import make_terrain
-from saltus.terrain.law import KINDS as LEVEL
-from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import WIDTH, Terrain, checked
+from saltus.terrain.terrain_stack import TerrainStack
 
 LEVEL_FAMILY = [config for config in FAMILY if config.terrain in LEVEL]
 
@@ -37,11 +37,11 @@ def random_x(terrain: Terrain, count: int) -> np.ndarray:
 
 def by_rays(terrain: Terrain, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Height by MuJoCo's rays, straight down from above all boxes."""
-    model = scene.build_spec(ROBOT, terrain).compile()
+    model = robot_model.build_spec(ROBOT, terrain).compile()
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     groups = np.zeros(6, dtype=np.uint8)
-    groups[scene.TERRAIN_GROUP] = 1
+    groups[robot_model.TERRAIN_GROUP] = 1
     down, hit, top = np.array([0.0, 0.0, -1.0]), np.zeros(1, dtype=np.int32), 10.0
     starts = (np.array([a, b, top]) for a, b in zip(x, y, strict=True))
     return np.array(

@@ -3,9 +3,9 @@ import pytest
 import torch
 
 from saltus.terrain import level
-from saltus.terrain.batch import BOXES, COLUMNS, DITCH_M, DRAWS, REPEATS, draw_courses
+from saltus.terrain.course_batch import BOXES, COLUMNS, DITCH_M, DRAWS, REPEATS, draw_courses
+from saltus.terrain.course_law import DESCENDING, HURDLE_M, IRREGULAR_RUN_M, KINDS
 from saltus.terrain.curriculum import FAMILIES
-from saltus.terrain.law import DESCENDING, HURDLE_M, IRREGULAR_RUN_M, KINDS
 from saltus.terrain.terrain import TRENCH_DEPTH, WIDTH
 
 N = 400

@@ -12,7 +12,7 @@ from saltus import clock as clock_module
 from saltus.clock import RunClock
 from saltus.errors import ConfigError
 from saltus.runtime import ticker as module
-from saltus.runtime.ticker import Freshness, Ticker, freshness
+from saltus.runtime.ticker import Staleness, Ticker, staleness_of
 from saltus.wire.topics import TOPICS
 
 MS = 1_000_000
@@ -47,21 +47,21 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> FakeTime:
 @pytest.mark.parametrize("topic", TOPICS.values(), ids=lambda topic: topic.name)
 @given(age_ns=st.integers(-(10**9), 3 * 10**9))
 def test_freshness_is_a_staircase_of_age(topic: module.Topic, age_ns: int) -> None:
-    answer = freshness(topic, 10**12, 10**12 + age_ns)
+    answer = staleness_of(topic, 10**12, 10**12 + age_ns)
     if age_ns < -5 * MS:
-        expected = Freshness.FUTURE
+        expected = Staleness.FUTURE
     elif age_ns <= 1e9 * topic.degraded_age_s:
-        expected = Freshness.OK
+        expected = Staleness.OK
     else:
-        expected = Freshness.DEGRADED if age_ns <= 1e9 * topic.invalid_age_s else Freshness.INVALID
+        expected = Staleness.DEGRADED if age_ns <= 1e9 * topic.invalid_age_s else Staleness.INVALID
     assert answer is expected
-    assert answer.usable == (answer in (Freshness.OK, Freshness.DEGRADED))
+    assert answer.usable == (answer in (Staleness.OK, Staleness.DEGRADED))
 
 
 def test_depth_is_degraded_50_ms_and_lost_100_ms_beyond_its_nominal_age() -> None:
     depth = TOPICS["camera/depth"]
     ages_ms = {70: "ok", 119: "ok", 121: "degraded", 169: "degraded", 171: "invalid"}
-    assert {ms: freshness(depth, 0, ms * MS).value for ms in ages_ms} == ages_ms
+    assert {ms: staleness_of(depth, 0, ms * MS).value for ms in ages_ms} == ages_ms
 
 
 @given(busy_ms=st.lists(st.integers(0, 95), max_size=60))
@@ -185,7 +185,7 @@ WALL = {("time", "time"), ("time", "time_ns"), ("time", "localtime"), ("time", "
         ("time", "CLOCK_REALTIME")}  # fmt: skip
 READ_BY = {
     "saltus/folders.py": "the names of folders",
-    "saltus/wire/keys.py": "how long certificates hold",
+    "saltus/wire/certificates.py": "how long certificates hold",
     "saltus/ros2/bridge.py": "what ROS wants to know of a sender",
     "saltus/ros2/wall_clock.py": "stamps of ROS, which are of that clock",
     "saltus/wire/zenoh_bus.py": "Zenoh's dates, held between two drains by the monotonic clock",

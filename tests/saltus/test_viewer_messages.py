@@ -14,8 +14,8 @@ from samples import KINEMATICS, ROBOT, message_of
 
 from saltus.constants import FORCE_M_PER_N
 from saltus.controller.gait import STANCE_RATIO
-from saltus.controller.signals import observe, reference_of
 from saltus.controller.swing import SwingLegs
+from saltus.controller.yaw_frame import observe, reference_of
 from saltus.footholds import Footholds
 from saltus.grid import SCAN, HeightGrid
 from saltus.plan import plan_of
@@ -26,7 +26,7 @@ from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import shipped_robots
 from saltus.rotations import rotation_matrix
-from saltus.sim.shapes import looks_of
+from saltus.sim.visual_shapes import looks_of
 from saltus.wire.messages import Done, Event, HeightmapStatus, PlanStatus
 from saltus.wire.schemas import TYPE_NAME
 from saltus.wire.topics import TOPICS

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from saltus.recordings.description import Description, Topics
+from saltus.recordings.recording_description import BagTopics, RecordingDescription
 from saltus.recordings.run_log import RunLog
 from strangers.bags import DEPTH, Bag, Images, same_log, write
 from strangers.stranger import Stranger, described, truth
@@ -19,7 +19,11 @@ HALF = {"width": 32, "height": 24, "fx": 20.0, "fy": 20.0, "cx": 16.0, "cy": 12.
 
 
 def _as(
-    name: str, bag: Bag, says: str = "", description: Description | None = None, **expected: Any
+    name: str,
+    bag: Bag,
+    says: str = "",
+    description: RecordingDescription | None = None,
+    **expected: Any,
 ) -> Stranger:
     return Stranger(
         name=f"bag: {name}",
@@ -30,7 +34,9 @@ def _as(
     )
 
 
-def _no(name: str, bag: Bag, says: str, description: Description | None = None) -> Stranger:
+def _no(
+    name: str, bag: Bag, says: str, description: RecordingDescription | None = None
+) -> Stranger:
     return Stranger(
         name=f"bag: {name}",
         write=partial(write, bag),
@@ -286,7 +292,7 @@ BAGS: tuple[Stranger, ...] = (
         "colour named as depth",
         Bag(images=(Images(), COLOUR)),
         "whose images are rgb8: depth is mono16, 16UC1, 32FC1",
-        described(Topics(joints="/joint_states", depth="/color/image_raw")),
+        described(BagTopics(joints="/joint_states", depth="/color/image_raw")),
     ),
     _no(
         "two depth cameras",
@@ -296,7 +302,7 @@ BAGS: tuple[Stranger, ...] = (
     _as(
         "one of two depth cameras",
         Bag(images=(Images(), Images(topic="/b/depth", info_topic="/b/info", k=K))),
-        description=described(Topics(joints="/joint_states", depth="/b/depth"), camera=MOUNT),
+        description=described(BagTopics(joints="/joint_states", depth="/b/depth"), camera=MOUNT),
         lens=OF_K,
     ),
     *(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from rig_logs import body_log
 
-from saltus.recordings.description import Description, Topics
+from saltus.recordings.recording_description import BagTopics, RecordingDescription
 from saltus.recordings.run_log import JOINT_SIGNALS, RunLog
 
 SECONDS = 0.3  # 150 rows and ten images
@@ -37,16 +37,16 @@ class Stranger:
 
     name: str
     write: Callable[[Path], Path]
-    description: Description = field(default_factory=Description)
+    description: RecordingDescription = field(default_factory=RecordingDescription)
     check: Callable[[RunLog], None] | None = None
     says: str = ""
     """A regular expression that the refusal, or the notes, must match."""
 
 
-def described(topics: Topics | None = None, **claims: Any) -> Description:
+def described(topics: BagTopics | None = None, **claims: Any) -> RecordingDescription:
     """A description for a bag of the truth."""
-    return Description(
-        claims={"base": "free", **claims}, topics=topics or Topics(joints="/joint_states")
+    return RecordingDescription(
+        claims={"base": "free", **claims}, topics=topics or BagTopics(joints="/joint_states")
     )
 
 

@@ -15,13 +15,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 
-from saltus.recordings.description import Description, TableColumns
+from saltus.recordings.recording_description import RecordingDescription, TableColumns
 from saltus.recordings.run_log import RunLog
 from saltus.robots.robot import JOINTS
 from strangers.stranger import Stranger, same_joints, truth
 
 COLUMNS = TableColumns(time="t", q="q {joint}", dq="dq {joint}", q_des="told {joint}")
-DESCRIPTION = Description(claims={"base": "fixed", "kp": 20.0, "kd": 0.5}, columns=COLUMNS)
+DESCRIPTION = RecordingDescription(claims={"base": "fixed", "kp": 20.0, "kd": 0.5}, columns=COLUMNS)
 SIGNALS = {"q": "q", "dq": "dq", "q_des": "told"}
 
 
@@ -290,7 +290,7 @@ def _halves(folder: Path) -> Path:
 
 
 def _of(
-    name: str, write: Callable[[Path], Path], description: Description, says: str = ""
+    name: str, write: Callable[[Path], Path], description: RecordingDescription, says: str = ""
 ) -> Stranger:
     return Stranger(
         name=name,
@@ -302,7 +302,10 @@ def _of(
 
 
 def _no(
-    name: str, write: Callable[[Path], Path], says: str, description: Description = DESCRIPTION
+    name: str,
+    write: Callable[[Path], Path],
+    says: str,
+    description: RecordingDescription = DESCRIPTION,
 ) -> Stranger:
     return Stranger(name=name, write=write, description=description, says=says)
 

@@ -16,16 +16,16 @@ from samples import ROBOT
 from saltus.config import RunConfig
 from saltus.depth_camera import load_camera
 from saltus.grid import LINE, SCAN, HeightGrid
-from saltus.recordings.recording import Arrival
+from saltus.recordings.recording import RecordedMessage
 from saltus.terrain import flat
 from saltus.watch.drawing import GUESS_M, GUESSED, Drawing
 from saltus.watch.pictures import PREDICTED, curves
-from saltus.watch.scene import Scene, SceneMaker, World
-from saltus.watch.server import Server
+from saltus.watch.scene import Scene, SceneMaker, SceneWorld
+from saltus.watch.server import PageServer
 from saltus.wire import codec
 from saltus.wire.codec import Envelope
 
-WORLD = World(
+WORLD = SceneWorld(
     title="",
     config=RunConfig(robot="go1", grid="line"),
     robot=ROBOT,
@@ -43,7 +43,7 @@ def scene_of(grid: HeightGrid, half_width: np.ndarray) -> Scene:
         half_width_90=half_width,
     )  # fmt: skip
     arrivals = [
-        Arrival(
+        RecordedMessage(
             message.time_ns + LATENCY_NS,
             key,
             Envelope(1, message.time_ns, bytes(16)),
@@ -59,7 +59,7 @@ def scene_of(grid: HeightGrid, half_width: np.ndarray) -> Scene:
 
 @pytest.fixture
 def drawing() -> Iterator[Drawing]:
-    server = Server(0)
+    server = PageServer(0)
     yield Drawing(server, 0, WORLD, 0.0)
     server.stop()
 

@@ -14,14 +14,14 @@ from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 from saltus.cli.main import main
-from saltus.watch.server import Server
+from saltus.watch.server import PageServer
 
 VERSION = Subprotocol(f"viser-v{viser.__version__}")
 
 
 @pytest.fixture(scope="module")
-def server() -> Iterator[Server]:
-    server = Server(0)
+def server() -> Iterator[PageServer]:
+    server = PageServer(0)
     yield server
     server.stop()
 
@@ -34,7 +34,7 @@ def wrong_paths(token: str) -> list[str]:
     ]  # fmt: skip
 
 
-def get(server: Server, path: str) -> tuple[int, bytes, dict[str, str]]:
+def get(server: PageServer, path: str) -> tuple[int, bytes, dict[str, str]]:
     with contextlib.closing(
         http.client.HTTPConnection("127.0.0.1", server.get_port(), timeout=10)
     ) as link:
@@ -43,7 +43,7 @@ def get(server: Server, path: str) -> tuple[int, bytes, dict[str, str]]:
         return answer.status, answer.read(), dict(answer.headers)
 
 
-def test_who_has_the_address_gets_the_page_and_the_websocket(server: Server) -> None:
+def test_who_has_the_address_gets_the_page_and_the_websocket(server: PageServer) -> None:
     path = "/" + server.address.split("/", 3)[3]
     status, page, headers = get(server, path)
     assert status == 200
@@ -53,7 +53,7 @@ def test_who_has_the_address_gets_the_page_and_the_websocket(server: Server) -> 
         assert len(link.recv(timeout=10)) > 0
 
 
-def test_nobody_else_gets_the_page_or_the_websocket(server: Server) -> None:
+def test_nobody_else_gets_the_page_or_the_websocket(server: PageServer) -> None:
     for path in wrong_paths(server.token):
         status, text, _ = get(server, path)
         assert status == 403, path
@@ -63,7 +63,7 @@ def test_nobody_else_gets_the_page_or_the_websocket(server: Server) -> None:
             connect(f"ws://127.0.0.1:{server.get_port()}{path}", subprotocols=[VERSION])
 
 
-def test_other_computers_find_no_port(server: Server) -> None:
+def test_other_computers_find_no_port(server: PageServer) -> None:
     """The socket is bound to 127.0.0.1: at any other address of this computer nothing listens."""
     for address in ("127.0.0.2", *socket.gethostbyname_ex(socket.gethostname())[2]):
         if address != "127.0.0.1":
@@ -71,8 +71,8 @@ def test_other_computers_find_no_port(server: Server) -> None:
                 socket.create_connection((address, server.get_port()), timeout=5)
 
 
-def test_tokens_are_new_and_cannot_be_guessed(server: Server) -> None:
-    other = Server(0)
+def test_tokens_are_new_and_cannot_be_guessed(server: PageServer) -> None:
+    other = PageServer(0)
     try:
         assert other.token != server.token
         assert len(other.token) >= 20
@@ -81,7 +81,7 @@ def test_tokens_are_new_and_cannot_be_guessed(server: Server) -> None:
         other.stop()
 
 
-def test_no_page_opens_a_tunnel(server: Server) -> None:
+def test_no_page_opens_a_tunnel(server: PageServer) -> None:
     assert server.request_share_url() is None
 
 

@@ -15,7 +15,14 @@ from saltus.robots.loading import load_robot
 from saltus.robots.robot import LEGS
 from saltus.robots.shipped import shipped_robots
 from saltus.rotations import rotation_matrix
-from saltus.sim.shapes import RobotShapes, box, terrain_edges, terrain_tops, terrain_walls, turned
+from saltus.sim.visual_shapes import (
+    RobotShapes,
+    box,
+    terrain_edges,
+    terrain_tops,
+    terrain_walls,
+    turned,
+)
 from saltus.terrain.curriculum import FAMILIES, make_terrain
 from saltus.terrain.terrain import Terrain
 

@@ -13,7 +13,7 @@ from recorded import LATENCY_NS, MS, STEPS, run_messages, run_samples, write
 from samples import put_run
 
 from saltus.config import RunConfig, to_toml
-from saltus.recordings.recording import Arrival
+from saltus.recordings.recording import RecordedMessage
 from saltus.runtime.run_folder import RUN_FILE
 from saltus.watch.live import LiveRun
 from saltus.watch.scene import SILENT, Scene
@@ -83,7 +83,9 @@ def test_ages_and_states_are_those_of_the_table_of_topics(run: RecordedRun) -> N
     world, maker = run.world, run._maker
     topic, sent_ns = TOPICS["policy/plan"], 1_000 * MS
     payload = next(s.payload for s in run_samples() if s.key == topic.name)
-    row = Arrival(sent_ns + LATENCY_NS, topic.name, Envelope(1, sent_ns, bytes(16)), payload)
+    row = RecordedMessage(
+        sent_ns + LATENCY_NS, topic.name, Envelope(1, sent_ns, bytes(16)), payload
+    )
     ages = {
         0: "ok",
         topic.degraded_age_s: "ok",
@@ -104,7 +106,7 @@ def test_ages_and_states_are_those_of_the_table_of_topics(run: RecordedRun) -> N
 
 def test_a_malformed_message_is_not_drawn(run: RecordedRun) -> None:
     rows = [
-        Arrival(MS, key, Envelope(1, MS, bytes(16)), payload)
+        RecordedMessage(MS, key, Envelope(1, MS, bytes(16)), payload)
         for key in (
             "plant/truth",
             "controller/state",

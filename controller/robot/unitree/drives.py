@@ -5,24 +5,24 @@ twelve motors of twenty, counted the robot's way.
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.controller.robot.backend import Reading
+from saltus.controller.robot.backend import RobotReading
 from saltus.controller.robot.unitree.messages import (
     LOW_COMMAND,
     LOW_STATE,
     MOTORS,
     OFF,
     SERVO,
-    Message,
+    UnitreeMessage,
 )
 from saltus.joint_command import JointCommand
 from saltus.robots.robot import Robot
-from saltus.states import Sensed
+from saltus.states import SensorArrays
 
 MS = 1e-3
 """Unit of a state's `tick` [s]."""
 
 
-def command_message(command: JointCommand, robot: Robot) -> Message:
+def command_message(command: JointCommand, robot: Robot) -> UnitreeMessage:
     """A command of all joints; slots beyond the robot's motors stay off."""
     message, sign = LOW_COMMAND.blank(), robot.joint_sign
     motors = message["motor_cmd"][:MOTORS]
@@ -32,7 +32,7 @@ def command_message(command: JointCommand, robot: Robot) -> Message:
     return message
 
 
-def command_of(message: Message, robot: Robot) -> JointCommand:
+def command_of(message: UnitreeMessage, robot: Robot) -> JointCommand:
     """The command in a message of shape (); motors that are off have neither gains nor torque."""
     motors, sign = message["motor_cmd"][:MOTORS], robot.joint_sign
     on = (motors["mode"] != OFF).astype(np.float64)
@@ -45,7 +45,7 @@ def command_of(message: Message, robot: Robot) -> JointCommand:
     )
 
 
-def state_message(sensed: Sensed, joint_torque: Floats, robot: Robot) -> Message:
+def state_message(sensed: SensorArrays, joint_torque: Floats, robot: Robot) -> UnitreeMessage:
     """Joints and IMU of a healthy robot: what else a state holds is left at zero."""
     message, sign = LOW_STATE.blank(), robot.joint_sign
     motors, imu = message["motor_state"][:MOTORS], message["imu_state"]
@@ -59,14 +59,14 @@ def state_message(sensed: Sensed, joint_torque: Floats, robot: Robot) -> Message
     return message
 
 
-def reading_of(message: Message, robot: Robot) -> Reading:
+def reading_of(message: UnitreeMessage, robot: Robot) -> RobotReading:
     """Measurements in a message of shape ()."""
     motors, imu, sign = message["motor_state"][:MOTORS], message["imu_state"], robot.joint_sign
-    sensed = Sensed(
+    sensed = SensorArrays(
         quaternion_base_in_world=imu["quaternion"].astype(np.float64),
         angular_velocity_base=imu["gyroscope"].astype(np.float64),
         acceleration_base=imu["accelerometer"].astype(np.float64),
         joint_position=sign * motors["q"],
         joint_velocity=sign * motors["dq"],
     )
-    return Reading(measurement=sensed, joint_torque=sign * motors["tau_est"])
+    return RobotReading(measurement=sensed, joint_torque=sign * motors["tau_est"])

@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 
 from saltus.constants import PHYSICS_DT
-from saltus.controller.robot.unitree.messages import LOW_STATE, OFF, Message
+from saltus.controller.robot.unitree.messages import LOW_STATE, OFF, UnitreeMessage
 from saltus.controller.robot.unitree.states import BUTTONS
 from saltus.errors import ConfigError, nearest_hint
 from saltus.robots.robot import JOINTS
@@ -83,7 +83,7 @@ class PlantedFault:
         return cls(kind=kind, joint=joint, start_s=float(match["start"] or 0.0))
 
 
-class Faults:
+class PlantedFaults:
     """Makes of commands and states what faulty hardware does, tick by tick.
 
     Args:
@@ -105,7 +105,7 @@ class Faults:
             if fault.kind == kind and time_s >= fault.start_s
         ]
 
-    def on_command(self, message: Message, time_s: float) -> None:
+    def on_command(self, message: UnitreeMessage, time_s: float) -> None:
         """Changes a command, shape (), as faulty drives read it."""
         motors = message["motor_cmd"]
         for joint in self.active("sign", time_s):
@@ -115,7 +115,7 @@ class Faults:
             motors["q"][joint] -= OFFSET_RAD
         motors["mode"][self.active("dead", time_s)] = OFF
 
-    def on_state(self, message: Message, time_s: float) -> None:
+    def on_state(self, message: UnitreeMessage, time_s: float) -> None:
         """Changes what the robot says of itself, shape ()."""
         motors, imu = message["motor_state"], message["imu_state"]
         for joint in self.active("sign", time_s):
@@ -158,7 +158,7 @@ class Faults:
             return []
         return [payload]
 
-    def _pitch(self, imu: Message) -> None:
+    def _pitch(self, imu: UnitreeMessage) -> None:
         """Turns readings into those of an IMU that is mounted nose down."""
         zero, pitch = np.zeros(()), np.asarray(IMU_PITCH_RAD)
         turn = quaternion_from_roll_pitch_yaw(zero, pitch, zero)

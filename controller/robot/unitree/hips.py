@@ -12,7 +12,7 @@ import numpy as np
 from saltus.arrays import Floats
 from saltus.constants import GRAVITY
 from saltus.controller.robot.unitree.drives import MS
-from saltus.controller.robot.unitree.messages import MOTORS, Message
+from saltus.controller.robot.unitree.messages import MOTORS, UnitreeMessage
 from saltus.robots.robot import JOINTS, Robot
 from saltus.sim.foot_forces import FootForces
 
@@ -52,7 +52,7 @@ class HipWatch:
         """Evidence against the worst hip."""
         return float(self._against.max())
 
-    def take(self, message: Message) -> str:
+    def take(self, message: UnitreeMessage) -> str:
         """Takes in a state of shape (); names a hip that counts the other way, or returns ""."""
         motors, imu = message["motor_state"][:MOTORS], message["imu_state"]
         self._recent.append(np.concatenate([

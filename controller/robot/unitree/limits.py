@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.controller.robot.backend import Reading
+from saltus.controller.robot.backend import RobotReading
 from saltus.robots.robot import JOINTS, Robot
 
 
@@ -21,7 +21,7 @@ class StageLimits:
     power_w: float
     """Power of all joints together [W]."""
 
-    def exceeded(self, reading: Reading, robot: Robot) -> str:
+    def exceeded(self, reading: RobotReading, robot: Robot) -> str:
         """Says what is beyond its limit; empty if nothing is."""
         speed = reading.measurement.joint_velocity
         return (

@@ -65,7 +65,7 @@ ON_LOOPBACK = (
 
 
 @dataclass(frozen=True, slots=True)
-class Arrived:
+class ArrivedMessage:
     """A message as it came."""
 
     payload: bytes
@@ -106,7 +106,7 @@ class UnitreeLink:
         *,
         sends: Sequence[str] = (),
         takes: Sequence[str] = (),
-        heard: Callable[[str, Arrived], None] | None = None,
+        heard: Callable[[str, ArrivedMessage], None] | None = None,
         reliable: bool = False,
     ) -> None:
         if not 0 <= domain <= DOMAIN_MAX:
@@ -165,7 +165,7 @@ class UnitreeLink:
         except DDSException as error:
             raise StackError(f"{topic} cannot be sent: {error}") from error
 
-    def take(self, topic: str) -> list[Arrived]:
+    def take(self, topic: str) -> list[ArrivedMessage]:
         """The messages that have come since the last call, the oldest first."""
         return _taken(self._readers[topic])
 
@@ -209,7 +209,7 @@ class UnitreeLink:
 class _Intake(Listener):
     """Hands on what comes."""
 
-    def __init__(self, topic: str, heard: Callable[[str, Arrived], None]) -> None:
+    def __init__(self, topic: str, heard: Callable[[str, ArrivedMessage], None]) -> None:
         super().__init__()
         self._topic, self._heard = topic, heard
 
@@ -218,7 +218,7 @@ class _Intake(Listener):
             self._heard(self._topic, arrived)
 
 
-def _taken(reader: Any) -> list[Arrived]:
+def _taken(reader: Any) -> list[ArrivedMessage]:
     """All that waits in a reader."""
     samples = new = reader.take(N=TAKEN_AT_A_TIME)
     while len(new) == TAKEN_AT_A_TIME:
@@ -226,7 +226,7 @@ def _taken(reader: Any) -> list[Arrived]:
         samples += new
     now_ns = time.monotonic_ns()
     return [
-        Arrived(sample.payload, now_ns, int(sample.sample_info.source_timestamp))
+        ArrivedMessage(sample.payload, now_ns, int(sample.sample_info.source_timestamp))
         for sample in samples
         if hasattr(sample, "payload")  # else it says that a sender has gone
     ]

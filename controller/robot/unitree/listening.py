@@ -10,7 +10,7 @@ from saltus.arrays import Floats
 from saltus.constants import GRAVITY, PHYSICS_DT
 from saltus.controller.robot.unitree.drives import reading_of
 from saltus.controller.robot.unitree.link import COMMANDS, STATES, UnitreeLink
-from saltus.controller.robot.unitree.messages import LOW_STATE, MOTORS, Message
+from saltus.controller.robot.unitree.messages import LOW_STATE, MOTORS, UnitreeMessage
 from saltus.controller.robot.unitree.states import LOST_S, TICK_MS, StateWatch
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import JOINTS, Robot
@@ -34,7 +34,7 @@ ON_PLANE_M = 0.004
 
 
 @dataclass(frozen=True, kw_only=True)
-class Check:
+class PreflightCheck:
     """One line of a preflight."""
 
     name: str
@@ -48,10 +48,10 @@ class Check:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Listened:
+class ListenedStates:
     """States of a robot that was only listened to."""
 
-    messages: Message
+    messages: UnitreeMessage
     """States that were taken over, shape (n,)."""
     watch: StateWatch
     span_s: float
@@ -60,7 +60,9 @@ class Listened:
     """Other programs that command the robot."""
 
 
-def listen(link: UnitreeLink, wait: Callable[[], float], seconds: float = LISTENS_S) -> Listened:
+def listen(
+    link: UnitreeLink, wait: Callable[[], float], seconds: float = LISTENS_S
+) -> ListenedStates:
     """Takes states for some seconds; `wait` returns the time 2 ms after its last return [s]."""
     watch, kept, times = StateWatch(), [], []
     begin_s = now_s = wait()
@@ -74,10 +76,12 @@ def listen(link: UnitreeLink, wait: Callable[[], float], seconds: float = LISTEN
         now_s = wait()
     messages = np.stack(kept) if kept else np.zeros(0, LOW_STATE.dtype)
     span_s = times[-1] - times[0] if times else 0.0
-    return Listened(messages=messages, watch=watch, span_s=span_s, others=link.others(COMMANDS))
+    return ListenedStates(
+        messages=messages, watch=watch, span_s=span_s, others=link.others(COMMANDS)
+    )
 
 
-def link_checks(heard: Listened, its_own: int = 0) -> list[Check]:
+def link_checks(heard: ListenedStates, its_own: int = 0) -> list[PreflightCheck]:
     """Checks of the link, without which nothing else means anything.
 
     `its_own` is the number of programs that may command it: of its own motion service, if it is
@@ -89,26 +93,26 @@ def link_checks(heard: Listened, its_own: int = 0) -> list[Check]:
     share = health.lost / max(1, count + health.lost)
     old = health.bad.get("old", 0)
     return [
-        Check(
+        PreflightCheck(
             name="alone", passed=len(heard.others) <= its_own,
             found=", ".join(heard.others) or "nobody else",
             allowed="no other program that commands the robot",
             cure="end that program",
         ),
-        Check(
+        PreflightCheck(
             name="checksums", passed=damaged == 0, found=f"{damaged} wrong", allowed="none",
             cure="another robot's protocol, or a damaged cable",
         ),
-        Check(
+        PreflightCheck(
             name="rate", passed=RATE_HZ[0] <= rate_hz <= RATE_HZ[1], found=f"{rate_hz:.0f} Hz",
             allowed=f"{RATE_HZ[0]:.0f} to {RATE_HZ[1]:.0f} Hz",
             cure="is the robot on, and --interface the one it hangs on? Is this computer too slow?",
         ),
-        Check(
+        PreflightCheck(
             name="gaps", passed=share <= LOST_SHARE, found=f"{100 * share:.1f} % lost",
             allowed=f"{100 * LOST_SHARE:.0f} %", cure="cable and switch; no wireless link",
         ),
-        Check(
+        PreflightCheck(
             name="clock", passed=not (heard.watch.fault or old),
             found=heard.watch.fault or f"{old} states came again or out of order",
             allowed=f"new states {TICK_MS} ms apart, within {1000 * LOST_S:.0f} ms",
@@ -117,7 +121,7 @@ def link_checks(heard: Listened, its_own: int = 0) -> list[Check]:
     ]  # fmt: skip
 
 
-def state_checks(heard: Listened, robot: Robot, *, stands: bool) -> list[Check]:
+def state_checks(heard: ListenedStates, robot: Robot, *, stands: bool) -> list[PreflightCheck]:
     """Checks of what the robot says of itself: battery, motors, joints and IMU, at rest."""
     messages, last = heard.messages, heard.messages[-1]
     hottest = int(np.argmax(last["motor_state"]["temperature"][:MOTORS]))
@@ -131,16 +135,16 @@ def state_checks(heard: Listened, robot: Robot, *, stands: bool) -> list[Check]:
     beyond = np.maximum(robot.joint_lower - position, position - robot.joint_upper)
     worst = int(np.argmax(beyond))
     return [
-        Check(
+        PreflightCheck(
             name="battery", passed=charge >= CHARGE_PERCENT and cell >= CELL_MV,
             found=f"{charge} %, lowest cell {1e-3 * cell:.2f} V",
             allowed=f"{CHARGE_PERCENT} %, {1e-3 * CELL_MV:.1f} V", cure="charge it",
         ),
-        Check(
+        PreflightCheck(
             name="temperatures", passed=heat <= HOT_C, found=f"{JOINTS[hottest]} {heat} C",
             allowed=f"{HOT_C} C", cure="let it cool down; a motor that stays hot is blocked",
         ),
-        Check(
+        PreflightCheck(
             name="ranges", passed=bool(beyond[worst] <= BEYOND_RAD),
             found=f"{JOINTS[worst]} at {position[worst]:+.2f} rad",
             allowed=f"{robot.joint_lower[worst]:+.2f} to {robot.joint_upper[worst]:+.2f} rad",
@@ -162,12 +166,12 @@ def _imu_checks(
     robot: Robot,
     *,
     stands: bool,
-) -> list[Check]:
+) -> list[PreflightCheck]:
     g, turns = float(np.linalg.norm(acceleration)), float(np.linalg.norm(turning))
     up = rotation_matrix(quaternion)[2]  # of the world, in the base
     askew = _angle(acceleration, up)
     checks = [
-        Check(
+        PreflightCheck(
             name="imu",
             passed=abs(g - GRAVITY) <= G_ERROR and turns <= TURNS and askew <= ASKEW_RAD,
             found=f"{g:.2f} m/s2, {turns:.2f} rad/s, {np.rad2deg(askew):.1f} deg askew",
@@ -179,7 +183,7 @@ def _imu_checks(
     if not stands:
         roll, pitch, _ = roll_pitch_yaw(rotation_matrix(quaternion))
         tilt = max(abs(float(roll)), abs(float(pitch)))
-        return [*checks, Check(
+        return [*checks, PreflightCheck(
             name="level", passed=tilt <= HANGS_LEVEL_RAD, found=f"{np.rad2deg(tilt):.0f} deg",
             allowed=f"{np.rad2deg(HANGS_LEVEL_RAD):.0f} deg",
             cure="hang it up level; if it is, the IMU is turned in it",
@@ -187,7 +191,7 @@ def _imu_checks(
     feet = LegKinematics(robot).position(position)
     normal, off = _plane(feet)
     tilt = _angle(normal, up)
-    return [*checks, Check(
+    return [*checks, PreflightCheck(
         name="legs", passed=tilt <= STANDS_LEVEL_RAD and off <= ON_PLANE_M,
         found=f"ground {np.rad2deg(tilt):.1f} deg off level, a foot {1000 * off:.0f} mm off it",
         allowed=f"{np.rad2deg(STANDS_LEVEL_RAD):.0f} deg, {1000 * ON_PLANE_M:.0f} mm",

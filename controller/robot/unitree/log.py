@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 from queue import Empty, SimpleQueue
 
-from saltus.controller.robot.unitree.link import COMMANDS, STATES, TYPES, Arrived
+from saltus.controller.robot.unitree.link import COMMANDS, STATES, TYPES, ArrivedMessage
 from saltus.controller.robot.unitree.states import StateWatch
 from saltus.recordings.cdr_log import CdrLog
 
@@ -20,7 +20,10 @@ def new_log(path: Path) -> CdrLog:
 
 
 def record(
-    arrivals: "SimpleQueue[tuple[str, Arrived]]", log: CdrLog, watch: StateWatch, seconds: float
+    arrivals: "SimpleQueue[tuple[str, ArrivedMessage]]",
+    log: CdrLog,
+    watch: StateWatch,
+    seconds: float,
 ) -> None:
     """Records what a link hears, for some seconds; `watch` counts the states.
 
@@ -30,7 +33,7 @@ def record(
     since_1970_ns = time.time_ns() - time.monotonic_ns()
     until_s = time.monotonic() + seconds
 
-    def write(name: str, arrived: Arrived) -> None:
+    def write(name: str, arrived: ArrivedMessage) -> None:
         arrival_ns = since_1970_ns + arrived.arrival_ns
         log.write(TOPICS[name], arrived.payload, arrival_ns, arrived.sent_ns)
         if name == STATES:

@@ -87,7 +87,7 @@ POLYNOMIAL = 0x04C11DB7
 end."""
 _TURNED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))  # bits of a byte, last first
 
-Message = NDArray[np.void]
+UnitreeMessage = NDArray[np.void]
 """Messages of one layout, shape (...)."""
 
 
@@ -107,24 +107,24 @@ class MessageLayout:
         self.size = len(ENCAPSULATION) + int(self._in_cdr[-1]) + 1
         """Bytes of a message as it travels."""
 
-    def blank(self) -> Message:
+    def blank(self) -> UnitreeMessage:
         """A message whose head is right, and else of zeros, shape ()."""
         message = np.zeros((), self.dtype)
         message["head"], message["level_flag"] = HEAD, LEVEL_LOW
         return message
 
-    def sealed(self, message: Message) -> bytes:
+    def sealed(self, message: UnitreeMessage) -> bytes:
         """CDR of a message of shape (), which is given its checksum."""
         message["crc"] = checksum(message)
         return self.payload(message)
 
-    def payload(self, message: Message) -> bytes:
+    def payload(self, message: UnitreeMessage) -> bytes:
         """CDR of a message of shape () with the checksum that it has."""
         cdr = np.zeros(self.size - len(ENCAPSULATION), np.uint8)
         cdr[self._in_cdr] = np.frombuffer(message.tobytes(), np.uint8)[self._in_memory]
         return ENCAPSULATION + cdr.tobytes()
 
-    def read(self, payloads: Sequence[bytes]) -> Message:
+    def read(self, payloads: Sequence[bytes]) -> UnitreeMessage:
         """Messages of CDR, shape (len(payloads),), whatever their checksums.
 
         Raises:
@@ -139,7 +139,7 @@ class MessageLayout:
         return memory.view(self.dtype)[:, 0]
 
 
-def checksum(message: Message) -> int:
+def checksum(message: UnitreeMessage) -> int:
     """Checksum of a message of shape (): over the words of its memory but the last,
     high bits first.
     """
@@ -149,7 +149,7 @@ def checksum(message: Message) -> int:
     return int.from_bytes(turned.to_bytes(4, "little").translate(_TURNED), "big")
 
 
-def is_intact(message: Message) -> bool:
+def is_intact(message: UnitreeMessage) -> bool:
     """True where the checksum of a message of shape () is the one that it has."""
     return checksum(message) == int(message["crc"])
 

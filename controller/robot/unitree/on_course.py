@@ -11,7 +11,7 @@ import numpy as np
 from saltus.arrays import Floats
 from saltus.clock import RunClock
 from saltus.config import RunConfig
-from saltus.controller.robot.backend import CourseRobot, Reading, true_heights
+from saltus.controller.robot.backend import CourseRobot, RobotReading, true_heights
 from saltus.controller.robot.unitree.limits import COURSE
 from saltus.controller.robot.unitree.link import COMMANDS, STATES, TRUTHS, UnitreeLink
 from saltus.controller.robot.unitree.robot import ANSWER_S, CONNECT_S, WAIT_S, UnitreeRobot
@@ -81,7 +81,7 @@ class UnitreeOnCourse(CourseRobot):
         self._waiting.clear()
         self._await_truth(0, CONNECT_S, NOT_SIMULATED)
 
-    def read(self) -> Reading:
+    def read(self) -> RobotReading:
         """See `UnitreeRobot.read`."""
         return self._robot.read()
 

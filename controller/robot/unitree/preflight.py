@@ -4,7 +4,12 @@ from collections.abc import Callable
 
 from saltus.clock import RunClock
 from saltus.controller.robot.unitree.link import UnitreeLink
-from saltus.controller.robot.unitree.listening import Check, link_checks, listen, state_checks
+from saltus.controller.robot.unitree.listening import (
+    PreflightCheck,
+    link_checks,
+    listen,
+    state_checks,
+)
 from saltus.controller.robot.unitree.motion_service import MotionService
 from saltus.controller.robot.unitree.robot import UnitreeRobot
 from saltus.controller.robot.unitree.soft_motion import motion_checks, move
@@ -20,7 +25,7 @@ def preflight(
     *,
     stands: bool,
     agreed: Callable[[str], None] = lambda _mode: None,
-) -> list[Check]:
+) -> list[PreflightCheck]:
     """All checks that mean something: the next are made if those before have passed.
 
     Args:
@@ -53,7 +58,7 @@ def preflight(
 
 def _service(
     service: MotionService, *, stands: bool, agreed: Callable[[str], None]
-) -> tuple[Check, str]:
+) -> tuple[PreflightCheck, str]:
     """The check of the robot's own motion service,
     and the mode in which it still moves the robot.
     """
@@ -63,7 +68,7 @@ def _service(
     except StackError as error:
         refusal = str(error)
     known = f"mode '{mode}' {'runs' if stands else 'was released'}" if mode else "no mode runs"
-    check = Check(
+    check = PreflightCheck(
         name="service", passed=not refusal, found=refusal or known,
         allowed="any mode, or none" if stands else "none, or one that is released",
         cure="end the mode with the robot's app, or start the robot again",

@@ -7,12 +7,12 @@ import time
 import numpy as np
 
 from saltus.clock import RunClock
-from saltus.controller.robot.backend import Reading, RobotBackend
+from saltus.controller.robot.backend import RobotBackend, RobotReading
 from saltus.controller.robot.unitree.drives import command_message, reading_of
 from saltus.controller.robot.unitree.limits import StageLimits
 from saltus.controller.robot.unitree.link import COMMANDS, STATES, UnitreeLink
-from saltus.controller.robot.unitree.messages import LOW_COMMAND, Message
-from saltus.controller.robot.unitree.states import Health, StateWatch
+from saltus.controller.robot.unitree.messages import LOW_COMMAND, UnitreeMessage
+from saltus.controller.robot.unitree.states import LinkHealth, StateWatch
 from saltus.errors import StackError
 from saltus.joint_command import JointCommand
 from saltus.robots.robot import Robot
@@ -66,12 +66,12 @@ class UnitreeRobot(RobotBackend):
         return self._watch.concern
 
     @property
-    def health(self) -> Health:
+    def health(self) -> LinkHealth:
         """Counts so far."""
         return self._watch.health
 
     @property
-    def message(self) -> Message:
+    def message(self) -> UnitreeMessage:
         """The newest state, shape ().
 
         Raises:
@@ -101,7 +101,7 @@ class UnitreeRobot(RobotBackend):
             self._take()
         self._refuse_others()
 
-    def read(self) -> Reading:
+    def read(self) -> RobotReading:
         """The newest measurement; in lockstep that after the last command."""
         self._take()
         if self._lockstep:

@@ -23,7 +23,7 @@ CATCH_UP_TICKS = 500
 ANEW_S = 0.1  # how often a lockstep run says a state again until it is answered
 
 
-class Stranger:
+class OtherCommander:
     """Another program that commands the robot, too:
     it holds the stand pose, as the robot's own service would.
     """
@@ -50,7 +50,9 @@ class Stranger:
 class RobotServer:
     """One simulated robot that is commanded over a link."""
 
-    def __init__(self, link: UnitreeLink, robot: SimulatedUnitree, stranger: Stranger) -> None:
+    def __init__(
+        self, link: UnitreeLink, robot: SimulatedUnitree, stranger: OtherCommander
+    ) -> None:
         self._link, self._robot, self._stranger = link, robot, stranger
 
     def realtime(self, clock: RunClock, until_s: float) -> None:

@@ -5,8 +5,13 @@ import numpy as np
 from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT
 from saltus.controller.robot.unitree.drives import MS, command_message, command_of, state_message
-from saltus.controller.robot.unitree.faults import Faults
-from saltus.controller.robot.unitree.messages import LOW_COMMAND, LOW_STATE, Message, is_intact
+from saltus.controller.robot.unitree.faults import PlantedFaults
+from saltus.controller.robot.unitree.messages import (
+    LOW_COMMAND,
+    LOW_STATE,
+    UnitreeMessage,
+    is_intact,
+)
 from saltus.controller.robot.unitree.motion_service import SimulatedMotionService
 from saltus.controller.robot.unitree.truth import truth_payload
 from saltus.effects.motors import VoltageSag
@@ -43,13 +48,13 @@ class SimulatedUnitree:
     def __init__(
         self,
         plant: Plant,
-        faults: Faults | None = None,
+        faults: PlantedFaults | None = None,
         seed: int = 0,
         sag: VoltageSag | None = None,
     ) -> None:
         self._sag = sag or VoltageSag()
         self._noise = np.random.default_rng(seed)
-        self._plant, self._faults = plant, faults or Faults(())
+        self._plant, self._faults = plant, faults or PlantedFaults(())
         self._command = _holding(plant.robot)
         self._service = SimulatedMotionService()
         self._ticks = self._contacts = 0
@@ -122,7 +127,7 @@ class SimulatedUnitree:
         plant, tick = self._plant, round(self.time_s / MS)
         return truth_payload(plant.state, plant.terrain, tick=tick, contacts=self._contacts)
 
-    def _state(self) -> Message:
+    def _state(self) -> UnitreeMessage:
         plant = self._plant
         message = state_message(plant.sensed, plant.state.joint_torque, plant.robot)
         message["imu_state"]["gyroscope"] += GYRO_NOISE * self._noise.standard_normal(3)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.controller.robot.unitree.listening import Check, ticks_of
+from saltus.controller.robot.unitree.listening import PreflightCheck, ticks_of
 from saltus.controller.robot.unitree.messages import MOTORS, SERVO
 from saltus.controller.robot.unitree.robot import UnitreeRobot
 from saltus.controller.robot.unitree.states import LATE_S
@@ -89,18 +89,18 @@ def move(robot: UnitreeRobot, kind: Robot, wait: Callable[[], float]) -> SoftMot
     )  # fmt: skip
 
 
-def motion_checks(motion: SoftMotion, kind: Robot) -> list[Check]:
+def motion_checks(motion: SoftMotion, kind: Robot) -> list[PreflightCheck]:
     """Judges a motion, by the worst joint in each check.
 
     It was whole; the motors said that they were on; joints followed; torques held the weight, with
     its sign; hips answered in time. Of one that was cut short, the first two alone.
     """
     checks = [
-        Check(
+        PreflightCheck(
             name="motion", passed=not motion.fault, found=motion.fault or "whole",
             allowed="no loss of states", cure="see the checks of the link",
         ),
-        Check(
+        PreflightCheck(
             name="motors", passed=motion.on, found=", ".join(motion.off) or "all on",
             allowed="all on", cure="start the robot again; a motor that stays off is broken",
         ),
@@ -139,22 +139,22 @@ def _soft(target: Floats, position: Floats, pulse: float) -> JointCommand:
     )
 
 
-def _follows(told: Floats, position: Floats) -> Check:
+def _follows(told: Floats, position: Floats) -> PreflightCheck:
     off = np.abs((position - told).mean(axis=0))
     worst = int(np.argmax(off))
-    return Check(
+    return PreflightCheck(
         name="follows", passed=bool(off[worst] <= FOLLOWS_RAD),
         found=f"{JOINTS[worst]} {off[worst]:.2f} rad off its command",
         allowed=f"{FOLLOWS_RAD:g} rad", cure="what blocks it? A stop: its sign or zero is wrong",
     )  # fmt: skip
 
 
-def _gravity(held: Floats, weight: Floats) -> Check:
+def _gravity(held: Floats, weight: Floats) -> PreflightCheck:
     """Torques against weights: a flipped sign holds the opposite."""
     heavy = np.abs(weight) >= HEAVY_NM
     wrong = np.where(heavy & (held * weight < 0.0), np.inf, np.abs(held - weight))
     worst = int(np.argmax(wrong))
-    return Check(
+    return PreflightCheck(
         name="gravity", passed=bool(wrong[worst] <= OFF_NM),
         found=f"{JOINTS[worst]} holds {held[worst]:+.1f} Nm of {weight[worst]:+.1f}",
         allowed=f"the same sign, within {OFF_NM:g} Nm",
@@ -162,7 +162,7 @@ def _gravity(held: Floats, weight: Floats) -> Check:
     )  # fmt: skip
 
 
-def _answers(motion: SoftMotion) -> Check:
+def _answers(motion: SoftMotion) -> PreflightCheck:
     """Time from an edge of the square wave to the first state that tells half of it,
     the usual of all edges.
     """
@@ -174,7 +174,7 @@ def _answers(motion: SoftMotion) -> Check:
         if (after := _answer_s(motion, hips, int(edge))) is not None
     ]
     late_s = float(np.median(waits)) if len(waits) > len(edges) // 2 else np.inf
-    return Check(
+    return PreflightCheck(
         name="answers", passed=late_s <= LATE_S,
         found=f"{1000 * late_s:.0f} ms" if np.isfinite(late_s) else "no answer",
         allowed=f"{1000 * LATE_S:.0f} ms",

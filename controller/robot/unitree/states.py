@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from saltus.controller.robot.unitree.drives import MS
 from saltus.controller.robot.unitree.hips import HipWatch
-from saltus.controller.robot.unitree.messages import LOW_STATE, Message, is_intact
+from saltus.controller.robot.unitree.messages import LOW_STATE, UnitreeMessage, is_intact
 from saltus.controller.robot.unitree.trouble import contradiction, trouble
 from saltus.errors import MessageError
 from saltus.robots.robot import Robot
@@ -35,7 +35,7 @@ MEASURED = ("imu_state", "motor_state")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Health:
+class LinkHealth:
     """Counts of what came since the start."""
 
     states: int
@@ -59,7 +59,7 @@ class StateWatch:
     def __init__(self, robot: Robot | None = None) -> None:
         self._robot = robot
         self._hips = None if robot is None else HipWatch(robot)
-        self.message: Message | None = None
+        self.message: UnitreeMessage | None = None
         """The newest state, shape ()."""
         self.fault = ""
         """Why the robot is lost, in words; empty while it is not. It stays."""
@@ -73,9 +73,9 @@ class StateWatch:
         self._behind_s, self._late_s = math.inf, 0.0
 
     @property
-    def health(self) -> Health:
+    def health(self) -> LinkHealth:
         """Counts so far."""
-        return Health(
+        return LinkHealth(
             states=self._states, lost=self._missing, bad=dict(self._bad), late_s=self._late_s
         )
 
@@ -119,7 +119,7 @@ class StateWatch:
         """Has the robot land; the first reason stays."""
         self.concern = self.concern or reason
 
-    def _follow(self, message: Message, now_s: float) -> None:
+    def _follow(self, message: UnitreeMessage, now_s: float) -> None:
         last = self.message
         if last is not None:
             passed_ms = int(message["tick"]) - int(last["tick"])
@@ -154,6 +154,6 @@ class StateWatch:
             self.doubt(f"its states are missing at {GAPS} places within {taken_ms} ms")
 
 
-def _equal(message: Message, before: Message) -> bool:
+def _equal(message: UnitreeMessage, before: UnitreeMessage) -> bool:
     """True where IMU and joints say the same to the bit, which noise never lets them do."""
     return all(message[part].tobytes() == before[part].tobytes() for part in MEASURED)

@@ -5,7 +5,7 @@ encoders and IMU, where a state contradicts the one before.
 import numpy as np
 
 from saltus.controller.robot.unitree.drives import MS
-from saltus.controller.robot.unitree.messages import MOTORS, OFF, Message
+from saltus.controller.robot.unitree.messages import MOTORS, OFF, UnitreeMessage
 from saltus.robots.robot import JOINTS, Robot
 
 HOT_C, EMPTY_PERCENT = 85, 10
@@ -16,7 +16,7 @@ FASTEST_TURN = np.deg2rad(2000.0)
 attitude that turns faster has leapt [rad/s]."""
 
 
-def trouble(message: Message) -> str:
+def trouble(message: UnitreeMessage) -> str:
     """Names a motor that is off or hot, or an empty battery, in a state of shape ()."""
     motors = message["motor_state"][:MOTORS]
     if (motors["mode"] == OFF).any():
@@ -28,7 +28,7 @@ def trouble(message: Message) -> str:
     return f"its battery is at {charge} %" if charge <= EMPTY_PERCENT else ""
 
 
-def contradiction(message: Message, before: Message, robot: Robot) -> str:
+def contradiction(message: UnitreeMessage, before: UnitreeMessage, robot: Robot) -> str:
     """Names a joint or an attitude that leaps between two states of shape ().
 
     An angle may be off the mean of both speeds by what the joint can do in that time, an attitude

@@ -9,7 +9,7 @@ import numpy as np
 from saltus.arrays import Floats
 from saltus.controller.robot.unitree.messages import ENCAPSULATION, MessageLayout
 from saltus.recordings import ros_messages as ros
-from saltus.sim.state import PlantState
+from saltus.sim.plant_state import PlantState
 from saltus.terrain.terrain import Terrain
 
 NAME = "saltus_msgs/msg/SimulatedRobot"

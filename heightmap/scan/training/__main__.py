@@ -16,8 +16,8 @@ from saltus.gpu import has_gpu
 from saltus.heightmap.scan.training.card import card
 from saltus.heightmap.scan.training.evaluation import evaluate, rows_of, table_of, write_results
 from saltus.heightmap.scan.training.export import export
-from saltus.heightmap.scan.training.files import Progress, trained_images
-from saltus.heightmap.scan.training.model import parameter_count
+from saltus.heightmap.scan.training.files import ScanTrainingProgress, trained_images
+from saltus.heightmap.scan.training.scan_model import parameter_count
 from saltus.heightmap.scan.training.settings import FlightSettings, ScanTrainSettings
 from saltus.heightmap.scan.training.train import train
 from saltus.model_file import ModelFile
@@ -81,7 +81,7 @@ def _run(given: argparse.Namespace) -> int:
     torch.backends.cudnn.benchmark = True
     began, images = time.monotonic(), 0
 
-    def show(found: Progress) -> None:
+    def show(found: ScanTrainingProgress) -> None:
         nonlocal began, images
         now = time.monotonic()
         speed = (found.images - images) / (now - began)

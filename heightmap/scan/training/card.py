@@ -3,8 +3,8 @@
 import json
 from pathlib import Path
 
-from saltus.heightmap.scan.planes import MEASURED, MEMORY, NUMBERS
-from saltus.heightmap.scan.training.evaluation import GROUPS, Score
+from saltus.heightmap.scan.network_inputs import MEASURED, MEMORY, NUMBERS
+from saltus.heightmap.scan.training.evaluation import GROUPS, ScanScore
 from saltus.heightmap.scan.training.settings import ScanTrainSettings
 
 METHODS = ("network", "map 2 cm, drift, feet", "map 2 cm, feet", "map 4 cm", "flat")
@@ -18,15 +18,15 @@ _MEANING = (
 )
 
 
-def read_results(path: Path) -> list[Score]:
+def read_results(path: Path) -> list[ScanScore]:
     """Scores that `saltus.heightmap.scan.training.evaluation.write_results` wrote."""
-    return [Score(**table) for table in json.loads(path.read_text(encoding="utf-8"))]
+    return [ScanScore(**table) for table in json.loads(path.read_text(encoding="utf-8"))]
 
 
 def card(
     model_id: str,
     settings: ScanTrainSettings,
-    scores: list[Score],
+    scores: list[ScanScore],
     parameters: int,
     images: int,
     commit: str,
@@ -48,7 +48,7 @@ def card(
     return "\n\n".join(part for part in parts if part) + "\n"
 
 
-def _table(row: str, grid: str, scores: list[Score]) -> str:
+def _table(row: str, grid: str, scores: list[ScanScore]) -> str:
     found = {
         (s.method, s.group): s for s in scores if (s.row, s.grid, s.family) == (row, grid, "every")
     }
@@ -67,7 +67,7 @@ def _table(row: str, grid: str, scores: list[Score]) -> str:
     return "\n".join(lines)
 
 
-def _cell(score: Score | None, method: str) -> str:
+def _cell(score: ScanScore | None, method: str) -> str:
     if score is None:
         return ""
     if method == "flat":
@@ -76,7 +76,7 @@ def _cell(score: Score | None, method: str) -> str:
     return f"{score.error_mm:.1f}, {inside:.0f} %, {score.half_width_mm:.0f}, {share:.0f} %"
 
 
-def _families(scores: list[Score]) -> str:
+def _families(scores: list[ScanScore]) -> str:
     found = {
         (s.family, s.method, s.group): s for s in scores if (s.row, s.grid) == ("usual", "scan")
     }
@@ -128,5 +128,5 @@ for drift by the map's law (`saltus/heightmap/scan/elevation.py`; its numbers ar
 | `numbers` | n, {len(NUMBERS)} | {", ".join(NUMBERS)} |
 
 Heights of `measured` and `memory` are above `filled`; a half-width of 1 m says that nothing was told.
-`saltus/heightmap/scan/planes.py` says the unit of each. The file returns `height` above `filled` and
-`half_width`, half of the 90 % interval; in between cells both are bilinear."""
+`saltus/heightmap/scan/network_inputs.py` says the unit of each. The file returns `height` above
+`filled` and `half_width`, half of the 90 % interval; in between cells both are bilinear."""

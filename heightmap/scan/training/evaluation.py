@@ -14,18 +14,18 @@ from torch import Tensor
 
 from saltus.grid import SCAN, HeightGrid, load_grid
 from saltus.heightmap.scan.cells import places, sampled
-from saltus.heightmap.scan.elevation import ElevationMap, Surroundings, advanced, new_map
+from saltus.heightmap.scan.elevation import ElevationMap, MapContext, advanced, new_map
 from saltus.heightmap.scan.geometry import geometric_heights
-from saltus.heightmap.scan.planes import Heights, inputs_of, remembered
+from saltus.heightmap.scan.network_inputs import MapHeights, inputs_of, remembered
 from saltus.heightmap.scan.settings import MapSettings
-from saltus.heightmap.scan.training.draws import Draws
-from saltus.heightmap.scan.training.flights import Flight, Shot, draw_flight, shoot
+from saltus.heightmap.scan.training.flights import FlightDraws, FlightImage, draw_flight, shoot
 from saltus.heightmap.scan.training.framewise import kept, of_image
-from saltus.heightmap.scan.training.ground import heights_at
-from saltus.heightmap.scan.training.model import ScanModel, told
+from saltus.heightmap.scan.training.ground_patches import heights_at
+from saltus.heightmap.scan.training.last_seen import LastSeen
+from saltus.heightmap.scan.training.pose_tables import turned
+from saltus.heightmap.scan.training.scan_model import ScanModel, told
+from saltus.heightmap.scan.training.seeded_random import SeededRandom
 from saltus.heightmap.scan.training.settings import FAMILIES, FlightSettings, ScanTrainSettings
-from saltus.heightmap.scan.training.tables import turned
-from saltus.heightmap.scan.training.views import LastSeen
 
 GRIDS = {"scan": SCAN, "line": load_grid("line")}
 AFTER_S = 1.0
@@ -40,7 +40,7 @@ WIDTHS_KEPT = 64
 
 
 @dataclass(frozen=True, kw_only=True)
-class Score:
+class ScanScore:
     """Errors of one method on the points of one group."""
 
     row: str
@@ -131,7 +131,7 @@ class _Tally:
             self.sums[index].index_add_(0, family, values)
             self.widths[index].append(half_width[mask][::WIDTHS_KEPT].cpu())
 
-    def scores(self, row: str, grid: str, method: str) -> Iterator[Score]:
+    def scores(self, row: str, grid: str, method: str) -> Iterator[ScanScore]:
         """One score per group, and one per group and family."""
         sums, every = self.sums.cpu(), self.sums.sum(1, keepdim=True).cpu()
         for index, group in enumerate(GROUPS):
@@ -145,7 +145,7 @@ class _Tally:
                     sums[0].sum(0)[0] if family == "every" else sums[0][FAMILIES.index(family)][0]
                 )
                 if count:
-                    yield Score(
+                    yield ScanScore(
                         row=row, grid=grid, method=method, group=group, family=family,
                         points=int(count),
                         share=count / float(whole), error_mm=1e3 * error / count,
@@ -158,14 +158,14 @@ def evaluate(
     model: ScanModel | None, settings: ScanTrainSettings, *, robots: int, device: torch.device,
     batch: int = 128,
     rows: dict[str, FlightSettings] | None = None, rivals: dict[str, MapSettings] | None = None,
-) -> list[Score]:  # fmt: skip
+) -> list[ScanScore]:  # fmt: skip
     """Scores of the network, if any, and of its rivals on the same images, odometry and feet."""
     rivals = rivals or rivals_of(settings.map)
-    scores: list[Score] = []
+    scores: list[ScanScore] = []
     for row, flights in (rows or rows_of(settings.flight)).items():
         tallies: dict[tuple[str, str], _Tally] = {}
         for start in range(0, robots, batch):
-            draws = Draws(EVAL_SEED + start, device)
+            draws = SeededRandom(EVAL_SEED + start, device)
             with torch.no_grad():
                 _fly(
                     model, settings.map, rivals, flights, min(batch, robots - start), draws, tallies
@@ -178,7 +178,7 @@ def evaluate(
 def _fly(
     model: ScanModel | None, map_settings: MapSettings, rivals: dict[str, MapSettings],
     flights: FlightSettings,
-    robots: int, draws: Draws, tallies: dict[tuple[str, str], _Tally],
+    robots: int, draws: SeededRandom, tallies: dict[tuple[str, str], _Tally],
 ) -> None:  # fmt: skip
     flight = draw_flight(robots, flights, draws)
     like = flight.ground.height
@@ -189,7 +189,7 @@ def _fly(
         shot = shoot(flight, flights, draws)
         seen.add(shot)
         judged = shot.now_s >= AFTER_S
-        told_by: dict[str, tuple[Heights, ElevationMap, Surroundings, MapSettings]] = {}
+        told_by: dict[str, tuple[MapHeights, ElevationMap, MapContext, MapSettings]] = {}
         if model is not None:
             told_by["network"] = (
                 *_told(model, own, shot, 1.0 / flight.rate_hz, map_settings),
@@ -213,8 +213,12 @@ def _fly(
 
 
 def _told(
-    model: ScanModel, state: ElevationMap, shot: Shot, images_apart_s: Tensor, settings: MapSettings
-) -> tuple[Heights, ElevationMap, Surroundings]:
+    model: ScanModel,
+    state: ElevationMap,
+    shot: FlightImage,
+    images_apart_s: Tensor,
+    settings: MapSettings,
+) -> tuple[MapHeights, ElevationMap, MapContext]:
     """Heights of a network after an image, with the map that remembers them."""
     state, around = advanced(state, shot.measured, settings)
     if not model.settings.frame:
@@ -229,8 +233,8 @@ def _told(
 
 def _judge(
     name: str, grid: HeightGrid,
-    told_by: dict[str, tuple[Heights, ElevationMap, Surroundings, MapSettings]],
-    flight: Flight, shot: Shot, seen: LastSeen, judged: Tensor, flights: FlightSettings,
+    told_by: dict[str, tuple[MapHeights, ElevationMap, MapContext, MapSettings]],
+    flight: FlightDraws, shot: FlightImage, seen: LastSeen, judged: Tensor, flights: FlightSettings,
     tallies: dict[tuple[str, str], _Tally],
 ) -> None:  # fmt: skip
     points = torch.tensor(grid.points, dtype=shot.position.dtype, device=shot.position.device)
@@ -260,14 +264,14 @@ def _judge(
         add(method, height, sampled(heights.half_width, at))
 
 
-def write_results(scores: list[Score], path: Path) -> None:
+def write_results(scores: list[ScanScore], path: Path) -> None:
     """Writes all scores to a JSON file."""
     path.write_text(json.dumps([vars(score) for score in scores], indent=0), encoding="utf-8")
 
 
-def table_of(scores: list[Score]) -> str:
+def table_of(scores: list[ScanScore]) -> str:
     """Mean errors [mm] by group, shares and half-widths, for people."""
-    found: dict[tuple[str, str, str], dict[str, Score]] = {}
+    found: dict[tuple[str, str, str], dict[str, ScanScore]] = {}
     for score in scores:
         if score.family == "every":
             found.setdefault((score.row, score.grid, score.method), {})[score.group] = score
@@ -292,7 +296,7 @@ def table_of(scores: list[Score]) -> str:
     return "\n".join(lines)
 
 
-def _cell(score: Score | None) -> str:
+def _cell(score: ScanScore | None) -> str:
     if score is None:
         return " " * 24
     return (

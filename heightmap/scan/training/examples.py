@@ -9,31 +9,31 @@ from torch import Tensor
 
 from saltus.heightmap.scan.elevation import (
     ElevationMap,
-    Measurement,
-    Surroundings,
+    MapContext,
+    MapUpdate,
     advanced,
 )
-from saltus.heightmap.scan.planes import Inputs, inputs_of
+from saltus.heightmap.scan.network_inputs import ScanInputs, inputs_of
 from saltus.heightmap.scan.settings import MapSettings
-from saltus.heightmap.scan.training.draws import Draws
 from saltus.heightmap.scan.training.flights import (
-    Flight,
-    March,
+    FlightDraws,
+    RayMarch,
     shoot,
     true_heights,
 )
 from saltus.heightmap.scan.training.framewise import of_image
-from saltus.heightmap.scan.training.model import ScanModel
-from saltus.heightmap.scan.training.rays import first_hits
+from saltus.heightmap.scan.training.raster_rays import first_hits
+from saltus.heightmap.scan.training.scan_model import ScanModel
+from saltus.heightmap.scan.training.seeded_random import SeededRandom
 from saltus.heightmap.scan.training.settings import ScanTrainSettings
 
 
 @dataclass(frozen=True)
-class Calls:
+class UpdateCalls:
     """The three pieces of an update that take time, as they are or compiled."""
 
-    march: March
-    see: Callable[..., tuple[ElevationMap, Inputs, Surroundings]]
+    march: RayMarch
+    see: Callable[..., tuple[ElevationMap, ScanInputs, MapContext]]
     """`with_image`."""
     model: Callable[..., Any]
 
@@ -49,8 +49,8 @@ class Calls:
 
 
 def with_image(
-    state: ElevationMap, measured: Measurement, now_s: Tensor, settings: MapSettings
-) -> tuple[ElevationMap, Inputs, Surroundings]:
+    state: ElevationMap, measured: MapUpdate, now_s: Tensor, settings: MapSettings
+) -> tuple[ElevationMap, ScanInputs, MapContext]:
     """Takes an image into the map of each robot.
 
     Returns the new map, what the network is shown of it, and what else is known around the robot.
@@ -61,8 +61,12 @@ def with_image(
 
 
 def example(
-    flight: Flight, state: ElevationMap, settings: ScanTrainSettings, draws: Draws, calls: Calls
-) -> tuple[ElevationMap, Inputs, Surroundings, Tensor]:
+    flight: FlightDraws,
+    state: ElevationMap,
+    settings: ScanTrainSettings,
+    draws: SeededRandom,
+    calls: UpdateCalls,
+) -> tuple[ElevationMap, ScanInputs, MapContext, Tensor]:
     """The next image of every robot: the map with it,
     what the network is shown, and the true heights.
     """

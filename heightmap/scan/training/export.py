@@ -4,9 +4,9 @@ from pathlib import Path
 
 import torch
 
-from saltus.heightmap.scan.planes import MEASURED, MEMORY, NUMBERS
+from saltus.heightmap.scan.network_inputs import MEASURED, MEMORY, NUMBERS
 from saltus.heightmap.scan.predictor import FORMAT, INPUTS, OUTPUTS
-from saltus.heightmap.scan.training.model import ScanModel, parameter_count
+from saltus.heightmap.scan.training.scan_model import ScanModel, parameter_count
 from saltus.heightmap.scan.training.settings import ScanTrainSettings
 from saltus.onnx_export import round_to_half, write_onnx
 

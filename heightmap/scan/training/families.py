@@ -5,25 +5,25 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from saltus.heightmap.scan.training.draws import Draws
-from saltus.heightmap.scan.training.place import Place
-from saltus.heightmap.scan.training.shapes import edges_of, profile, slopes, smooth, with_boxes
+from saltus.heightmap.scan.training.patch_places import PatchPlaces
+from saltus.heightmap.scan.training.rasters import edges_of, profile, slopes, smooth, with_boxes
+from saltus.heightmap.scan.training.seeded_random import SeededRandom
 
 DEEP = ("stones", "stones_line", "ditches")
 """Families whose trenches no base sinks into."""
 
 
-def _flat(place: Place, _: Draws) -> Tensor:
+def _flat(place: PatchPlaces, _: SeededRandom) -> Tensor:
     return torch.zeros_like(place.u)
 
 
-def _rubble(place: Place, draws: Draws) -> Tensor:
+def _rubble(place: PatchPlaces, draws: SeededRandom) -> Tensor:
     return with_boxes(
         torch.zeros_like(place.u), place, draws, count=48, side=(0.1, 1.0), tall=(0.02, 0.22)
     )
 
 
-def _blocks(place: Place, draws: Draws) -> Tensor:
+def _blocks(place: PatchPlaces, draws: SeededRandom) -> Tensor:
     """Squares of a grid, each of its own height."""
     side = draws.log_uniform(0.08, 0.7, place.n)[:, None, None]
     spread = draws.uniform(0.02, 0.15, place.n)[:, None]
@@ -33,7 +33,7 @@ def _blocks(place: Place, draws: Draws) -> Tensor:
     return table.gather(1, (i * count + j).flatten(1)).view_as(place.u)
 
 
-def _strips(place: Place, draws: Draws) -> Tensor:
+def _strips(place: PatchPlaces, draws: SeededRandom) -> Tensor:
     """Steps up and down across the way."""
     k = place.segments(0.15)
     runs = draws.uniform(0.15, 1.0, place.n, k)
@@ -44,7 +44,7 @@ def _strips(place: Place, draws: Draws) -> Tensor:
     return _between_sides(profile(place.u, edges_of(runs, place), height), place, draws)
 
 
-def _flights_of_stairs(place: Place, draws: Draws, u: Tensor) -> Tensor:
+def _flights_of_stairs(place: PatchPlaces, draws: SeededRandom, u: Tensor) -> Tensor:
     """Stairs up and down with landings; their middle is at height 0."""
     k = place.segments(0.2)
     run, rise = draws.uniform(0.2, 0.45, place.n, 1), draws.uniform(0.04, 0.25, place.n, 1)
@@ -59,16 +59,16 @@ def _flights_of_stairs(place: Place, draws: Draws, u: Tensor) -> Tensor:
     return profile(u, edges, height - height.gather(1, middle))
 
 
-def _stairs(place: Place, draws: Draws) -> Tensor:
+def _stairs(place: PatchPlaces, draws: SeededRandom) -> Tensor:
     return _between_sides(_flights_of_stairs(place, draws, place.u), place, draws)
 
 
-def _pyramid(place: Place, draws: Draws) -> Tensor:
+def _pyramid(place: PatchPlaces, draws: SeededRandom) -> Tensor:
     """Stairs around a square in the middle, up or down on all four sides."""
     return _flights_of_stairs(place, draws, torch.maximum(place.u.abs(), place.v.abs()))
 
 
-def _ramps(place: Place, draws: Draws) -> Tensor:
+def _ramps(place: PatchPlaces, draws: SeededRandom) -> Tensor:
     k = place.segments(0.4)
     runs = draws.uniform(0.4, 2.0, place.n, k)
     slope = draws.uniform(-0.5, 0.5, place.n, k) * draws.chance(0.7, place.n, k)
@@ -77,7 +77,7 @@ def _ramps(place: Place, draws: Draws) -> Tensor:
     return _between_sides(slopes(place.u, edges, height - middle), place, draws)
 
 
-def _stones(place: Place, draws: Draws) -> Tensor:
+def _stones(place: PatchPlaces, draws: SeededRandom) -> Tensor:
     """Stones of a grid over a trench: moved, turned sizes, some missing."""
     pitch = draws.uniform(0.25, 0.9, place.n)[:, None, None]
     share = draws.uniform(0.5, 0.95, place.n)[:, None]
@@ -104,7 +104,7 @@ def _stones(place: Place, draws: Draws) -> Tensor:
 
 
 def _alternating(
-    place: Place, draws: Draws, first: tuple[float, float], second: tuple[float, float]
+    place: PatchPlaces, draws: SeededRandom, first: tuple[float, float], second: tuple[float, float]
 ) -> Tensor:
     """Edges of segments of two kinds by turns."""
     k = 2 * place.segments(first[0] + second[0])
@@ -117,7 +117,7 @@ def _alternating(
     )
 
 
-def _by_turns(place: Place, edges: Tensor, even: Tensor, odd: Tensor) -> Tensor:
+def _by_turns(place: PatchPlaces, edges: Tensor, even: Tensor, odd: Tensor) -> Tensor:
     """Heights by turns: of segments that begin at even edges,
     and of those that begin at odd ones.
     """
@@ -126,7 +126,7 @@ def _by_turns(place: Place, edges: Tensor, even: Tensor, odd: Tensor) -> Tensor:
     return profile(place.u, edges, torch.where(is_odd[None], odd, even))
 
 
-def _stones_line(place: Place, draws: Draws) -> Tensor:
+def _stones_line(place: PatchPlaces, draws: SeededRandom) -> Tensor:
     """Stones across the whole way, with gaps between them."""
     edges = _alternating(place, draws, (0.25, 0.8), (0.03, 0.6))
     top = (
@@ -136,31 +136,31 @@ def _stones_line(place: Place, draws: Draws) -> Tensor:
     return _by_turns(place, edges, top, -place.trench[:, None].expand_as(top))
 
 
-def _ditches(place: Place, draws: Draws) -> Tensor:
+def _ditches(place: PatchPlaces, draws: SeededRandom) -> Tensor:
     edges = _alternating(place, draws, (0.8, 2.5), (0.1, 1.1))
     top = torch.zeros(place.n, edges.shape[1] + 1, device=draws.device)
     return _by_turns(place, edges, top, -place.trench[:, None].expand_as(top))
 
 
-def _hurdles(place: Place, draws: Draws) -> Tensor:
+def _hurdles(place: PatchPlaces, draws: SeededRandom) -> Tensor:
     edges = _alternating(place, draws, (0.4, 1.6), (0.03, 0.2))
     tall = draws.uniform(0.04, 0.35, place.n, edges.shape[1] + 1)
     return _between_sides(_by_turns(place, edges, torch.zeros_like(tall), tall), place, draws)
 
 
-def _walls(place: Place, draws: Draws) -> Tensor:
+def _walls(place: PatchPlaces, draws: SeededRandom) -> Tensor:
     return with_boxes(
         torch.zeros_like(place.u), place, draws, count=8, side=(0.1, 3.0), tall=(0.2, 1.2)
     )
 
 
-def _clutter(place: Place, draws: Draws) -> Tensor:
+def _clutter(place: PatchPlaces, draws: SeededRandom) -> Tensor:
     return with_boxes(
         torch.zeros_like(place.u), place, draws, count=40, side=(0.04, 0.4), tall=(0.02, 0.4)
     )
 
 
-def _rough(place: Place, draws: Draws) -> Tensor:
+def _rough(place: PatchPlaces, draws: SeededRandom) -> Tensor:
     raster = place.u.shape[-1]
     fine, coarse = (max(4, round(place.patch_m / m)) for m in (0.1, 0.3))
     spread = draws.uniform(0.005, 0.05, place.n)[:, None, None]
@@ -168,19 +168,19 @@ def _rough(place: Place, draws: Draws) -> Tensor:
     return spread * (waves + 0.5 * smooth(draws.normal(1.0, place.n, fine, fine), raster))
 
 
-def _hills(place: Place, draws: Draws) -> Tensor:
+def _hills(place: PatchPlaces, draws: SeededRandom) -> Tensor:
     waves = smooth(draws.normal(1.0, place.n, 9, 9), place.u.shape[-1])
     return draws.uniform(0.05, 0.35, place.n)[:, None, None] * waves
 
 
-def _between_sides(height: Tensor, place: Place, draws: Draws) -> Tensor:
+def _between_sides(height: Tensor, place: PatchPlaces, draws: SeededRandom) -> Tensor:
     """A third of the courses end at their sides, on level ground."""
     half = draws.uniform(0.4, 1.5, place.n)[:, None, None]
     ends = draws.chance(0.33, place.n)[:, None, None] & (place.v.abs() > half)
     return torch.where(ends, draws.uniform(-0.2, 0.0, place.n)[:, None, None], height)
 
 
-KINDS: dict[str, Callable[[Place, Draws], Tensor]] = {
+KINDS: dict[str, Callable[[PatchPlaces, SeededRandom], Tensor]] = {
     "flat": _flat, "rubble": _rubble, "blocks": _blocks, "strips": _strips, "stairs": _stairs,
     "pyramid": _pyramid,
     "ramps": _ramps, "stones": _stones, "stones_line": _stones_line, "ditches": _ditches,

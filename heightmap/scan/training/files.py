@@ -27,7 +27,7 @@ COLUMNS = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Progress:
+class ScanTrainingProgress:
     """Where a training is; figures are means over the last round."""
 
     update: int
@@ -75,7 +75,7 @@ def trained_images(folder: Path) -> int:
         return max((int(float(row["images"])) for row in csv.DictReader(file)), default=0)
 
 
-def write_row(path: Path, found: Progress) -> None:
+def write_row(path: Path, found: ScanTrainingProgress) -> None:
     """Adds where the training is to its CSV."""
     is_new = not path.exists()
     with path.open("a", newline="", encoding="utf-8") as file:

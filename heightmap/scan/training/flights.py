@@ -9,16 +9,16 @@ import torch
 from torch import Tensor
 
 from saltus.heightmap.scan.cells import centres
-from saltus.heightmap.scan.elevation import ElevationMap, Measurement, Pose, Surroundings
+from saltus.heightmap.scan.elevation import ElevationMap, MapContext, MapUpdate, OdometryPoses
 from saltus.heightmap.scan.settings import MapSettings
-from saltus.heightmap.scan.training.cameras import Cameras, draw_cameras, with_errors
-from saltus.heightmap.scan.training.draws import Draws
-from saltus.heightmap.scan.training.ground import Ground, draw_ground, heights_at
-from saltus.heightmap.scan.training.motion import FEET, Motion, draw_motion, in_base
-from saltus.heightmap.scan.training.odometry import Odometry, draw_odometry
-from saltus.heightmap.scan.training.rays import first_hits
+from saltus.heightmap.scan.training.flight_cameras import FlightCameras, draw_cameras, with_errors
+from saltus.heightmap.scan.training.flight_motion import FEET, FlightMotion, draw_motion, in_base
+from saltus.heightmap.scan.training.flight_odometry import FlightOdometry, draw_odometry
+from saltus.heightmap.scan.training.ground_patches import GroundPatches, draw_ground, heights_at
+from saltus.heightmap.scan.training.pose_tables import at, rotation, turned
+from saltus.heightmap.scan.training.raster_rays import first_hits
+from saltus.heightmap.scan.training.seeded_random import SeededRandom
 from saltus.heightmap.scan.training.settings import FlightSettings
-from saltus.heightmap.scan.training.tables import at, rotation, turned
 
 SEEN_M = 2.4
 """Points that are farther ahead than this lie outside of every map [m]."""
@@ -28,20 +28,20 @@ HEIGHT_KNOWN_M = 0.04
 """By how much a robot does not know its usual height [m]."""
 LOWEST_BODY_M = 0.16
 ERRORS_KNOWN = 0.3
-"""Standard deviation of the logarithm of `Flight.told_errors` around the true ones."""
+"""Standard deviation of the logarithm of `FlightDraws.told_errors` around the true ones."""
 
-March = Callable[..., Tensor]
+RayMarch = Callable[..., Tensor]
 """`first_hits`, or the same compiled."""
 Batch = TypeVar("Batch", bound=tuple)
 
 
-class Flight(NamedTuple):
+class FlightDraws(NamedTuple):
     """Everything that is drawn of a batch of robots, once per flight."""
 
-    ground: Ground
-    motion: Motion
-    odometry: Odometry
-    cameras: Cameras
+    ground: GroundPatches
+    motion: FlightMotion
+    odometry: FlightOdometry
+    cameras: FlightCameras
     rate_hz: Tensor
     """Images a second, shape (robots,)."""
     latency_s: Tensor
@@ -57,10 +57,10 @@ class Flight(NamedTuple):
     """Number of the next image, shape (robots,)."""
 
 
-class Shot(NamedTuple):
+class FlightImage(NamedTuple):
     """One image of every robot."""
 
-    measured: Measurement
+    measured: MapUpdate
     now_s: Tensor
     """Time of its arrival since the flight began [s], shape (robots,)."""
     hits: Tensor
@@ -72,7 +72,7 @@ class Shot(NamedTuple):
     """Yaw by the odometry now [rad], shape (robots,)."""
 
 
-def draw_flight(robots: int, settings: FlightSettings, draws: Draws) -> Flight:
+def draw_flight(robots: int, settings: FlightSettings, draws: SeededRandom) -> FlightDraws:
     """Flights at their beginning."""
     ground = draw_ground(robots, settings, draws)
     rate = draws.log_uniform(*settings.rate_hz, robots)
@@ -84,7 +84,7 @@ def draw_flight(robots: int, settings: FlightSettings, draws: Draws) -> Flight:
     motion = draw_motion(ground, body_height, latency + settings.images / rate, settings, draws)
     odometry = draw_odometry(motion, settings, draws)
     cameras = draw_cameras(camera_height, body_height, settings, draws)
-    return Flight(
+    return FlightDraws(
         ground=ground,
         motion=motion,
         odometry=odometry,
@@ -111,8 +111,8 @@ def redrawn(flight: Batch, rows: Tensor, other: Batch) -> Batch:
 
 
 def shoot(
-    flight: Flight, settings: FlightSettings, draws: Draws, march: March = first_hits
-) -> Shot:
+    flight: FlightDraws, settings: FlightSettings, draws: SeededRandom, march: RayMarch = first_hits
+) -> FlightImage:
     """The next image of every robot; the flight's number of images goes on."""
     exposed_s = flight.image / flight.rate_hz
     now_s = exposed_s + flight.latency_s
@@ -121,19 +121,23 @@ def shoot(
     position, angles = (at(table, now_s) for table in flight.motion[:2])
     feet, standing = _feet(flight, now_s, position, angles, draws)
     believed = at(flight.odometry.angles, now_s)
-    now = Pose(at(flight.odometry.position, now_s), rotation(believed))
-    then = Pose(
+    now = OdometryPoses(at(flight.odometry.position, now_s), rotation(believed))
+    then = OdometryPoses(
         at(flight.odometry.position, exposed_s), rotation(at(flight.odometry.angles, exposed_s))
     )
-    measured = Measurement(
+    measured = MapUpdate(
         points, depth, then, now, feet, standing, flight.told_height, exposed_s,
         *flight.told_errors.T,
     )  # fmt: skip
-    return Shot(measured, now_s, hits, position, angles, believed[:, 2])
+    return FlightImage(measured, now_s, hits, position, angles, believed[:, 2])
 
 
 def _image(
-    flight: Flight, exposed_s: Tensor, settings: FlightSettings, draws: Draws, march: March
+    flight: FlightDraws,
+    exposed_s: Tensor,
+    settings: FlightSettings,
+    draws: SeededRandom,
+    march: RayMarch,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Points in the base as measured [m], their depth [m] and where the rays truly ended [m]."""
     cameras, n = flight.cameras, len(exposed_s)
@@ -157,7 +161,7 @@ def _image(
 
 
 def _feet(
-    flight: Flight, now_s: Tensor, position: Tensor, angles: Tensor, draws: Draws
+    flight: FlightDraws, now_s: Tensor, position: Tensor, angles: Tensor, draws: SeededRandom
 ) -> tuple[Tensor, Tensor]:
     """Standing feet in the base [m], and which are told to stand."""
     motion = flight.motion
@@ -171,7 +175,7 @@ def _feet(
 
 
 def true_heights(
-    flight: Flight, shot: Shot, state: ElevationMap, around: Surroundings,
+    flight: FlightDraws, shot: FlightImage, state: ElevationMap, around: MapContext,
     map_settings: MapSettings,
     settings: FlightSettings,
 ) -> Tensor:  # fmt: skip

@@ -12,18 +12,18 @@ from saltus.heightmap.scan.cells import moved
 from saltus.heightmap.scan.elevation import (
     WIDEST,
     ElevationMap,
-    Measurement,
-    Surroundings,
+    MapContext,
+    MapUpdate,
     advanced,
     new_map,
 )
-from saltus.heightmap.scan.planes import Heights, Inputs, inputs_of
+from saltus.heightmap.scan.network_inputs import MapHeights, ScanInputs, inputs_of
 from saltus.heightmap.scan.settings import MapSettings
 
 
 def of_image(
-    state: ElevationMap, measured: Measurement, now_s: Array, settings: MapSettings
-) -> tuple[ElevationMap, Inputs, Surroundings]:
+    state: ElevationMap, measured: MapUpdate, now_s: Array, settings: MapSettings
+) -> tuple[ElevationMap, ScanInputs, MapContext]:
     """Returns what would be known and shown had this image been the first,
     at the pose that `state` has corrected.
     """
@@ -33,8 +33,12 @@ def of_image(
 
 
 def kept(
-    state: ElevationMap, corner: Array, told: Heights, images_apart_s: Array, settings: MapSettings
-) -> Heights:
+    state: ElevationMap,
+    corner: Array,
+    told: MapHeights,
+    images_apart_s: Array,
+    settings: MapSettings,
+) -> MapHeights:
     """Heights of all images in the window of `state`,
     which holds in `told` those of the images before.
 
@@ -46,4 +50,4 @@ def kept(
     height, width = moved(told.height, by, 0.0), moved(told.half_width, by, WIDEST)
     older = (state.told_width**2 + (settings.drift * images_apart_s[:, None, None]) ** 2) ** 0.5
     surer = width < older
-    return Heights(xp.where(surer, height, state.told), xp.where(surer, width, older))
+    return MapHeights(xp.where(surer, height, state.told), xp.where(surer, width, older))

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from saltus.config import Value, check_between
+from saltus.config import TomlValue, check_between
 from saltus.errors import ConfigError, nearest_hint
 from saltus.heightmap.scan.settings import MapSettings
 
@@ -17,7 +17,7 @@ GAITS = ("walk", "trot", "bound", "hand")
 
 
 @dataclass(frozen=True, kw_only=True)
-class FlightSettings(Value):
+class FlightSettings(TomlValue):
     """From what ground, motion, mounts, cameras and odometry are drawn.
 
     Raises:
@@ -109,7 +109,7 @@ class FlightSettings(Value):
 
 
 @dataclass(frozen=True, kw_only=True)
-class NetworkSettings(Value):
+class NetworkSettings(TomlValue):
     """Sizes of the network.
 
     Raises:
@@ -146,7 +146,7 @@ class NetworkSettings(Value):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ScanTrainSettings(Value):
+class ScanTrainSettings(TomlValue):
     """One training.
 
     Raises:

@@ -16,21 +16,21 @@ from saltus.files import atomic_write
 from saltus.heightmap.scan.cells import centres
 from saltus.heightmap.scan.elevation import (
     ElevationMap,
-    Surroundings,
+    MapContext,
     new_map,
 )
-from saltus.heightmap.scan.planes import MEASURED, Heights, remembered
+from saltus.heightmap.scan.network_inputs import MEASURED, MapHeights, remembered
 from saltus.heightmap.scan.settings import MapSettings
-from saltus.heightmap.scan.training.draws import Draws
-from saltus.heightmap.scan.training.examples import Calls, example
-from saltus.heightmap.scan.training.files import Progress, read_checkpoint, write_row
+from saltus.heightmap.scan.training.cuda_graph import CudaGraph
+from saltus.heightmap.scan.training.examples import UpdateCalls, example
+from saltus.heightmap.scan.training.files import ScanTrainingProgress, read_checkpoint, write_row
 from saltus.heightmap.scan.training.flights import (
     draw_flight,
     redrawn,
 )
-from saltus.heightmap.scan.training.graph import Graph
-from saltus.heightmap.scan.training.model import ScanModel, loss
-from saltus.heightmap.scan.training.safeguards import GradientLimits
+from saltus.heightmap.scan.training.gradient_limits import GradientLimits
+from saltus.heightmap.scan.training.scan_model import ScanModel, loss
+from saltus.heightmap.scan.training.seeded_random import SeededRandom
 from saltus.heightmap.scan.training.settings import ScanTrainSettings
 
 GROUPS = 4
@@ -47,7 +47,7 @@ UNSEEN = 0.5
 cm of a hit."""
 
 
-class Trainer:
+class ScanTrainer:
     """One training: network, optimiser, mean of weights, and how far it is.
 
     A round draws all of its flights from the seed and its own number, so that a training that goes
@@ -74,20 +74,20 @@ class Trainer:
         )  # fmt: skip
         self._limits = GradientLimits(self.model)
         self.rounds, self.seconds = 0, 0.0
-        self._draws = Draws(settings.seed, device)
+        self._draws = SeededRandom(settings.seed, device)
         with torch.no_grad():
             self._flight = draw_flight(settings.batch, settings.flight, self._draws)
             self._state = new_map(settings.batch, settings.map, self._flight.ground.height)
         self._totals = torch.zeros(7, device=device)
-        self._calls = Calls.of(self.model, compiled=compiled)
-        self._graph: Graph | None = Graph(self._draws, self._update) if on_gpu else None
+        self._calls = UpdateCalls.of(self.model, compiled=compiled)
+        self._graph: CudaGraph | None = CudaGraph(self._draws, self._update) if on_gpu else None
 
     @property
     def updates(self) -> int:
         """How many were made."""
         return self.rounds * self.settings.round
 
-    def round(self, share_before: float, share_after: float) -> Progress:
+    def round(self, share_before: float, share_after: float) -> ScanTrainingProgress:
         """Makes the updates of one round, while the training goes
         from one share of its way to another.
         """
@@ -110,7 +110,7 @@ class Trainer:
         self.rounds += 1
         self.seconds += time.monotonic() - began
         made = self.updates
-        return Progress(
+        return ScanTrainingProgress(
             update=made, images=made * settings.batch, seconds=self.seconds, loss=found[0],
             map_mm=1e3 * found[1],
             seen_mm=1e3 * found[2], unseen_mm=1e3 * found[3], inside_seen=found[4],
@@ -166,7 +166,7 @@ class Trainer:
         on_gpu = self.device.type == "cuda"
         with torch.autocast(self.device.type, torch.bfloat16, enabled=on_gpu, cache_enabled=False):
             height, half_width, spread = self._calls.model(*inputs, truth - around.filled)
-        estimate = Heights(around.filled + height, half_width)
+        estimate = MapHeights(around.filled + height, half_width)
         value = loss(estimate, truth, weight, spread if settings.network.choice else None)
         self.optimiser.zero_grad(set_to_none=True)
         value.backward()
@@ -175,7 +175,7 @@ class Trainer:
         with torch.no_grad():
             for mine, new in zip(self.average.parameters(), self.model.parameters(), strict=True):
                 mine.lerp_(new, self._forgets)
-            estimate = Heights(estimate.height.detach(), estimate.half_width.detach())
+            estimate = MapHeights(estimate.height.detach(), estimate.half_width.detach())
             for mine, new in zip(self._state, remembered(state, estimate), strict=True):
                 mine.copy_(new)
             self._totals += torch.nan_to_num(
@@ -263,7 +263,7 @@ def train(
     settings: ScanTrainSettings, folder: Path, *, minutes: float | None = None,
     updates: int | None = None,
     device: torch.device, compiled: bool = False,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Callable[[ScanTrainingProgress], None] | None = None,
     save_every_s: float = 60.0, start: dict[str, Tensor] | None = None,
 ) -> ScanModel:  # fmt: skip
     """Trains until time or updates are over.
@@ -277,7 +277,7 @@ def train(
     """
     folder.mkdir(parents=True, exist_ok=True)
     checkpoint = folder / "scan.pt"
-    trainer = Trainer(settings, device, compiled=compiled)
+    trainer = ScanTrainer(settings, device, compiled=compiled)
     if checkpoint.exists():
         trainer.resume(checkpoint)
     elif start is not None:
@@ -301,7 +301,7 @@ def train(
 
 
 def _shares(
-    trainer: Trainer, last_s: float, minutes: float | None, updates: int | None
+    trainer: ScanTrainer, last_s: float, minutes: float | None, updates: int | None
 ) -> tuple[float, float]:
     """How much of the way is behind at the beginning of the next round, and at its end."""
     if minutes is not None:
@@ -323,7 +323,7 @@ def _schedule(share: float) -> float:
 
 
 def _weight(
-    state: ElevationMap, seen_cells: Tensor, around: Surroundings, settings: MapSettings
+    state: ElevationMap, seen_cells: Tensor, around: MapContext, settings: MapSettings
 ) -> Tensor:
     x, y = centres(state.corner, settings, around.base)
     away = (x - around.base[:, :1, None]) ** 2 + (y - around.base[:, 1:2, None]) ** 2
@@ -332,7 +332,7 @@ def _weight(
 
 
 def _figures(
-    value: Tensor, filled: Tensor, estimate: Heights, truth: Tensor, seen_cells: Tensor
+    value: Tensor, filled: Tensor, estimate: MapHeights, truth: Tensor, seen_cells: Tensor
 ) -> Tensor:
     error = (estimate.height - truth).abs()
     inside = (error <= estimate.half_width).float()

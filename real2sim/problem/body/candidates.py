@@ -17,9 +17,15 @@ from saltus.effects.body import (
     claimed_body,
 )
 from saltus.effects.motors import LOSS_AT_KNEE, TorqueSaturation
-from saltus.real2sim.problem.body.replay import Rig
+from saltus.real2sim.problem.body.replay import BodySimulation
 from saltus.real2sim.problem.joints.candidates import saturation_beside
-from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown, candidate, sought
+from saltus.real2sim.problem.problem import (
+    Candidate,
+    Unknown,
+    UnknownCoordinates,
+    candidate,
+    sought,
+)
 from saltus.recordings.run_log import RunLog
 
 SMALLEST_TIME_CONSTANT_S, LARGEST_TIME_CONSTANT_S = ContactCompliance.sought("time_constant")
@@ -39,7 +45,7 @@ Nm), to a jump's."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Claims:
+class BodyClaims:
     """Claims of a log about body and ground."""
 
     payload_kg: float = 0.0
@@ -52,7 +58,7 @@ class Claims:
     """Delivered over commanded torque."""
 
     @classmethod
-    def of(cls, log: RunLog) -> "Claims":
+    def of(cls, log: RunLog) -> "BodyClaims":
         """Reads what a log claims; what it does not say is as in the simulator."""
         ground, position = log.meta.get("ground") or {}, log.meta.get("payload_position")
         return cls(
@@ -81,7 +87,7 @@ def trunk_candidates() -> tuple[Candidate, ...]:
     )
 
 
-def candidates(claims: Claims, slips_at: float, calf_limit: float) -> tuple[Candidate, ...]:
+def candidates(claims: BodyClaims, slips_at: float, calf_limit: float) -> tuple[Candidate, ...]:
     """The effects that motion of the base can show.
 
     Args:
@@ -105,7 +111,7 @@ def candidates(claims: Claims, slips_at: float, calf_limit: float) -> tuple[Cand
                 slip_step,
             ),
             where="feet",
-            coordinates=Coordinates(
+            coordinates=UnknownCoordinates(
                 parameters=lambda x: {"coefficient": claims.friction - float(x[0])},
                 unknowns=lambda values: (claims.friction - values["coefficient"],),
             ),
@@ -114,7 +120,7 @@ def candidates(claims: Claims, slips_at: float, calf_limit: float) -> tuple[Cand
             "contact_compliance",
             Unknown("softness", lowest, highest, 2.0),
             where="feet",
-            coordinates=Coordinates(
+            coordinates=UnknownCoordinates(
                 parameters=lambda x: {
                     "time_constant": claims.contact_time_constant * float(np.sqrt(1.0 + x[0]))
                 },
@@ -131,7 +137,7 @@ def candidates(claims: Claims, slips_at: float, calf_limit: float) -> tuple[Cand
             Unknown("corner", 3.0, 35.0, 2.0, is_shape=True),
             where="joints",
             starts=tuple((0.0, corner) for corner in CORNERS_NM),
-            coordinates=Coordinates(
+            coordinates=UnknownCoordinates(
                 parameters=lambda x: _knee_and_plateau(float(x[0]), float(x[1]), calf_limit),
                 unknowns=lambda _: (0.0, CORNERS_NM[0]),  # what a profile has is held, not fitted
             ),
@@ -154,7 +160,7 @@ def candidates(claims: Claims, slips_at: float, calf_limit: float) -> tuple[Cand
     )
 
 
-def rig_of(names: tuple[str, ...], claims: Claims, unknowns: Floats) -> Rig:
+def rig_of(names: tuple[str, ...], claims: BodyClaims, unknowns: Floats) -> BodySimulation:
     """Rig to simulate; `unknowns` of shape (n, unknowns), `names` those of the problem."""
     value = dict(zip(names, unknowns.T, strict=True))
     n = len(unknowns)
@@ -169,7 +175,7 @@ def rig_of(names: tuple[str, ...], claims: Claims, unknowns: Floats) -> Rig:
         torsion=LEAST_TURNING_M + value["soft_feet.torsion"],
         rolling=LEAST_TURNING_M + value["soft_feet.rolling"],
     )
-    return Rig(
+    return BodySimulation(
         body=body,
         gain=claims.motor_strength * (1.0 + value["torque_gain.gain"]),
         sag=value["battery_sag.loss_at_end"],

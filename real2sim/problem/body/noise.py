@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Indices
 from saltus.constants import PHYSICS_DT
-from saltus.real2sim.problem import rotations, stream_noise
+from saltus.real2sim.problem import quaternions, stream_noise
 from saltus.real2sim.problem.body.windows import BLOCK_STEPS, SMOOTHING_STEPS
 from saltus.real2sim.problem.stream_noise import rotation_columns
 from saltus.recordings.run_log import RunLog
@@ -53,7 +53,7 @@ UNKNOWN_PLACE_M, UNKNOWN_HEADING_RAD = 0.05, 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Noise:
+class BodyNoise:
     """Noise of means over blocks, by kind of signal: shapes (5,)."""
 
     sigma: Floats
@@ -85,7 +85,7 @@ def errors(measured: Floats, simulated: Floats) -> Floats:
         Position of the base along the measured heading, rotation vector in the base frame, velocity
         along the heading, joints, joint velocities; shape (..., 33).
     """
-    quaternion = rotations.normalised(measured[..., 3:7])
+    quaternion = quaternions.normalised(measured[..., 3:7])
     rotation = rotation_matrix(quaternion)
     along = rotation[..., :2, 0] / np.linalg.norm(rotation[..., :2, 0], axis=-1, keepdims=True)
     c, s = along[..., 0], along[..., 1]
@@ -98,7 +98,7 @@ def errors(measured: Floats, simulated: Floats) -> Floats:
             vector[..., 2],
         ]
 
-    model = rotations.normalised(simulated[..., 3:7])
+    model = quaternions.normalised(simulated[..., 3:7])
     w, v = model[..., :1], model[..., 1:]
     tilt = 2.0 * (
         w * quaternion[..., 1:] - quaternion[..., :1] * v - np.cross(v, quaternion[..., 1:])
@@ -112,7 +112,7 @@ def errors(measured: Floats, simulated: Floats) -> Floats:
     return np.concatenate([*parts, moved[..., 7:19], moved[..., 22:]], axis=-1)
 
 
-def read_noise(log: RunLog) -> Noise:
+def read_noise(log: RunLog) -> BodyNoise:
     """Noise of the signals of a log with a measured base, from what is too quick for a body."""
     joints, base = log.joints, log.base
     if base is None:
@@ -127,7 +127,7 @@ def read_noise(log: RunLog) -> Noise:
     found = np.array(
         [stream_noise.read_noise(*stream).of_means(BLOCK_STEPS * PHYSICS_DT) for stream in streams]
     )
-    return Noise(sigma=np.maximum(found[:, 0], SMALLEST), correlation=found[:, 1])
+    return BodyNoise(sigma=np.maximum(found[:, 0], SMALLEST), correlation=found[:, 1])
 
 
 class BodyWhitening:
@@ -148,7 +148,7 @@ class BodyWhitening:
 
     def __init__(
         self,
-        noise: Noise,
+        noise: BodyNoise,
         starts: Floats,
         measured: Floats,
         unrepeated: Floats,
@@ -194,7 +194,7 @@ class StartNoise:
         return np.isin(np.arange(self.sigma.size), (0, 1, 5))
 
     @classmethod
-    def of(cls, noise: Noise, *, has_gyro: bool) -> "StartNoise":
+    def of(cls, noise: BodyNoise, *, has_gyro: bool) -> "StartNoise":
         """Noise of smoothed states; `noise` is that of means over blocks."""
         # a parabola through n samples has 9 / (4 n) of their variance in its middle
         position, tilt, velocity, q, dq = (
@@ -227,7 +227,7 @@ class StartNoise:
             Shapes (k, w, 19) and (k, w, 18).
         """
         change = np.broadcast_to(by * self.sigma, (len(by), len(qpos), 36))
-        quaternion = rotations.turned(
+        quaternion = quaternions.turned(
             np.broadcast_to(qpos[:, 3:7], (*change.shape[:2], 4)), change[..., 3:6]
         )
         joints = qpos[:, 7:] + change[..., 12:24]
@@ -242,7 +242,7 @@ a gap: there windows start as measured."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Starts:
+class WindowStarts:
     """Errors of the starts of w windows, in standard deviations of d dimensions.
 
     Attributes:
@@ -254,7 +254,9 @@ class Starts:
     root: Floats
 
     @classmethod
-    def of(cls, noise: Noise, claimed: Floats, slopes: Floats, effects: Floats) -> "Starts":
+    def of(
+        cls, noise: BodyNoise, claimed: Floats, slopes: Floats, effects: Floats
+    ) -> "WindowStarts":
         """The starts that windows tell of, whatever effects the robot has:
         they are fitted with them, to first order.
 

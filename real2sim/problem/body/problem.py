@@ -21,27 +21,34 @@ from saltus.errors import RecordingError
 from saltus.real2sim.problem.body.candidates import (
     CALF,
     FRICTION_RANGE,
-    Claims,
+    BodyClaims,
     candidates,
     on_top_of,
     rig_of,
 )
 from saltus.real2sim.problem.body.noise import (
     SIGNALS,
+    BodyNoise,
     BodyWhitening,
-    Noise,
     StartNoise,
-    Starts,
+    WindowStarts,
     errors,
     read_noise,
 )
-from saltus.real2sim.problem.body.replay import BodyReplay, Limit, Pull, Rig, finer, likeliest
+from saltus.real2sim.problem.body.replay import (
+    BodyReplay,
+    BodySimulation,
+    Limit,
+    Pull,
+    finer,
+    likeliest,
+)
 from saltus.real2sim.problem.body.windows import BLOCKS, BodyWindows, body_windows
 from saltus.real2sim.problem.joints.torque_curve import fitted_to
 from saltus.real2sim.problem.log import boxes_of, model_of, robot_of, segments_of, torque_limits
 from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, LEAST_SIGMA, Candidate, Problem
 from saltus.recordings.run_log import RunLog
-from saltus.sim.free_robots import Solver
+from saltus.sim.free_robots import ContactSolver
 
 LATE = BLOCKS * 2 // 3
 """Block from which on errors of the start should have faded."""
@@ -145,7 +152,7 @@ class BodyProblem(Problem):
         self.segments = segments_of(log)
         self._windows = body_windows(log, self.segments)
         self.model, self._held = model_of(log), tuple[Limit | Pull, ...]()
-        self._robot, self._claims = robot_of(log), Claims.of(log)
+        self._robot, self._claims = robot_of(log), BodyClaims.of(log)
         # Until it is known where feet slip
         self.candidates = self._candidates(0.5 * self._claims.friction)
         self._boxes = boxes_of(log)
@@ -204,7 +211,7 @@ class BodyProblem(Problem):
         self.signal = np.broadcast_to(np.arange(signals), shape).ravel()
         self.time_s = np.broadcast_to(windows.block_s[..., None], shape).ravel()
 
-    def _prepare(self, noise: Noise, *, has_gyro: bool) -> None:
+    def _prepare(self, noise: BodyNoise, *, has_gyro: bool) -> None:
         """Noise, the candidates, and what they could not show."""
         tangential, normal = self._replay.foot_forces(self._rig())
         loaded = normal > 0.2 * np.max(np.median(normal, axis=(0, 1)))
@@ -257,19 +264,19 @@ class BodyProblem(Problem):
             grid = np.clip(best + np.linspace(-0.75, 0.75, SCANNED) * step, 0.0, most)
         return self._claims.friction - best if best > SMALLEST_LESS else otherwise
 
-    def _rig(self, unknowns: Floats | None = None) -> Rig:
+    def _rig(self, unknowns: Floats | None = None) -> BodySimulation:
         """Rig to simulate; without effects where no unknowns are given, shape (n, unknowns)."""
         return rig_of(self.names, self._claims, self.absent[None] if unknowns is None else unknowns)
 
-    def _likeliest(self, noise: Noise) -> Solver:
+    def _likeliest(self, noise: BodyNoise) -> ContactSolver:
         windows = self._windows
         some = slice(None, None, max(1, len(windows.start_s) // JUDGED_BY))
 
         @cache
-        def replayed(solver: Solver) -> BodyReplay:
+        def replayed(solver: ContactSolver) -> BodyReplay:
             return self._replayed(solver, windows.taken(some))
 
-        def squares(solver: Solver, others: Floats) -> Floats:
+        def squares(solver: ContactSolver, others: Floats) -> Floats:
             rig = self._rig(np.tile(self.absent, (len(others), 1)))
             softer, rougher, rolling = others.T
             rig.body.contact_time_constant.T[:] *= softer
@@ -280,7 +287,7 @@ class BodyProblem(Problem):
 
         return likeliest(squares)
 
-    def _whitening(self, noise: Noise, *, has_gyro: bool) -> BodyWhitening:
+    def _whitening(self, noise: BodyNoise, *, has_gyro: bool) -> BodyWhitening:
         """Moves the starts of the windows to where they are likeliest.
 
         What is then unknown of errors.
@@ -291,7 +298,7 @@ class BodyProblem(Problem):
         slopes = self._moved(spread, single)
         claimed = self._errors(self._replay.states(rig))
         effects = self._errors(self._replay.states(self._rig(self.one_by_one(USUAL)[1:]))) - claimed
-        starts = Starts.of(noise, claimed[0], slopes, effects)
+        starts = WindowStarts.of(noise, claimed[0], slopes, effects)
         qpos, qvel = spread.moved(windows.qpos, windows.qvel, starts.likeliest[None])
         self._windows = replace(windows, qpos=qpos[0], qvel=qvel[0])
         self._replay = self._replayed(self._ground)
@@ -344,7 +351,7 @@ class BodyProblem(Problem):
         states = self._replay.states(claims, *spread.moved(windows.qpos, windows.qvel, by))
         return self._errors(states) - self._errors(self._replay.states(self._rig()))
 
-    def _replayed(self, solver: Solver, windows: BodyWindows | None = None) -> BodyReplay:
+    def _replayed(self, solver: ContactSolver, windows: BodyWindows | None = None) -> BodyReplay:
         windows, position = windows or self._windows, self._claims.payload_position
         return BodyReplay(
             self._robot, windows, self._boxes, self._span_s, solver, position, self._held

@@ -14,7 +14,7 @@ from saltus.effects.delay_line import held_late
 from saltus.effects.effect import map_arrays
 from saltus.effects.joint_loads import EndStop, JointSpring
 from saltus.effects.motors import TorqueSaturation, TorqueSpeedLimit
-from saltus.effects.signals import Drive
+from saltus.effects.signals import DriveTorque
 from saltus.real2sim.problem.body.windows import (
     BLOCK_STEPS,
     BLOCKS,
@@ -23,7 +23,7 @@ from saltus.real2sim.problem.body.windows import (
     BodyWindows,
 )
 from saltus.robots.robot import Robot
-from saltus.sim.free_robots import OWN_SOLVER, FreeRobots, Solver
+from saltus.sim.free_robots import OWN_SOLVER, ContactSolver, FreeRobots
 from saltus.terrain.boxes import Boxes
 
 SOFTER = (0.9, 0.95)
@@ -31,10 +31,10 @@ SOFTER = (0.9, 0.95)
 not creep."""
 GROUNDS = (
     OWN_SOLVER,
-    Solver(impedance=SOFTER),
-    Solver(impratio=1.0),
-    Solver(impratio=1.0, impedance=SOFTER),
-    Solver(impratio=1.0, impedance=SOFTER, is_pyramidal=True),
+    ContactSolver(impedance=SOFTER),
+    ContactSolver(impratio=1.0),
+    ContactSolver(impratio=1.0, impedance=SOFTER),
+    ContactSolver(impratio=1.0, impedance=SOFTER, is_pyramidal=True),
 )
 FINE = 2
 """Steps of the engine in one of `PHYSICS_DT` for a log that agrees better with a finer step: real
@@ -52,7 +52,7 @@ TRIES = 8
 time constant looks worse than another way to compute contacts."""
 
 
-def likeliest(squares: Callable[[Solver, Floats], Floats]) -> Solver:
+def likeliest(squares: Callable[[ContactSolver, Floats], Floats]) -> ContactSolver:
     """The way to compute contacts with which a log agrees best, whatever else its robot has.
 
     It is the scene's own where no other is clearly better. The step of time is judged last.
@@ -64,10 +64,10 @@ def likeliest(squares: Callable[[Solver, Floats], Floats]) -> Solver:
             much to explain otherwise do not decide alone.
     """
 
-    def left(ground: Solver, *others: tuple[float, float, float]) -> Floats:
+    def left(ground: ContactSolver, *others: tuple[float, float, float]) -> Floats:
         return np.asarray(np.mean(np.log(squares(ground, np.array(others))), axis=1))
 
-    def least(ground: Solver) -> float:
+    def least(ground: ContactSolver) -> float:
         return min(_least(partial(left, ground), which) for which in range(len(OTHERWISE)))
 
     costs = [least(ground) for ground in GROUNDS]
@@ -95,7 +95,7 @@ def _least(left: Callable[..., Floats], which: int) -> float:
     return min(float(scanned[best]), float(found.fun))
 
 
-def finer(ground: Solver) -> Sequence[Solver]:
+def finer(ground: ContactSolver) -> Sequence[ContactSolver]:
     """Copies of a solver of contacts with half and with a quarter of its step."""
     return replace(ground, substeps=2 * ground.substeps), replace(
         ground, substeps=4 * ground.substeps
@@ -110,7 +110,7 @@ cache."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Rig:
+class BodySimulation:
     """Simulated robots, for n sets of unknowns.
 
     Attributes:
@@ -160,7 +160,7 @@ class BodyReplay:
         windows: BodyWindows,
         boxes: Boxes,
         span_s: tuple[float, float],
-        solver: Solver = OWN_SOLVER,
+        solver: ContactSolver = OWN_SOLVER,
         payload_position: Sequence[float] | None = None,
         held: Sequence[Limit | Pull] = (),
     ) -> None:
@@ -182,7 +182,9 @@ class BodyReplay:
         self._per_calf = robot.reduction / robot.reduction[2]
         self._age = (middle - span_s[0]) / max(span_s[1] - span_s[0], 1e-9)
 
-    def states(self, rig: Rig, qpos: Floats | None = None, qvel: Floats | None = None) -> Floats:
+    def states(
+        self, rig: BodySimulation, qpos: Floats | None = None, qvel: Floats | None = None
+    ) -> Floats:
         """Means over blocks, columns as the windows' `measured`, shape (n, w, BLOCKS, 34).
 
         Args:
@@ -203,7 +205,7 @@ class BodyReplay:
                 out[part] = self._run(own_rig, qpos[part], qvel[part])
         return out
 
-    def foot_forces(self, rig: Rig) -> tuple[Floats, Floats]:
+    def foot_forces(self, rig: BodySimulation) -> tuple[Floats, Floats]:
         """Force of the ground on each foot under one rig:
         tangential and normal [N], shape (w, steps, 4).
         """
@@ -225,7 +227,9 @@ class BodyReplay:
                 self._made[turns].set_payload_position(np.asarray(self._payload_position))
         return self._made[turns]
 
-    def _run(self, rig: Rig, qpos: Floats, qvel: Floats, forces: Floats | None = None) -> Floats:
+    def _run(
+        self, rig: BodySimulation, qpos: Floats, qvel: Floats, forces: Floats | None = None
+    ) -> Floats:
         sets, windows = len(rig.gain), self._windows
         robots = self._robots(
             turns=max(rig.body.torsion.max(), rig.body.rolling.max()) > LEAST_TURNING_M
@@ -259,7 +263,7 @@ class _Drives:
 
     def __init__(
         self,
-        rig: Rig,
+        rig: BodySimulation,
         windows: BodyWindows,
         age: Floats,
         per_calf: Floats,
@@ -313,5 +317,5 @@ class _Drives:
 
 
 def _after(effect: Limit | Pull, position: Floats, velocity: Floats, torque: Floats) -> Floats:
-    now = Drive(position=position, velocity=velocity, torque=torque)
+    now = DriveTorque(position=position, velocity=velocity, torque=torque)
     return np.asarray(effect.apply(now, np.zeros(()), None)[0].torque, dtype=np.float64)

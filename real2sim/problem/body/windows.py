@@ -14,9 +14,9 @@ from scipy.signal import savgol_filter
 from saltus.arrays import Floats, Indices
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.errors import RecordingError
-from saltus.real2sim.problem import rotations
+from saltus.real2sim.problem import quaternions
 from saltus.real2sim.problem.log import commanded_torque, gains, sampled
-from saltus.real2sim.problem.problem import Segment
+from saltus.real2sim.problem.problem import LogSegment
 from saltus.recordings.run_log import RunLog
 
 BLOCK_STEPS = 2 * POLICY_STEPS
@@ -84,7 +84,7 @@ class BodyWindows:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Track:
+class SegmentTrack:
     """The signals of one segment at every physics step; n steps."""
 
     time_s: Floats
@@ -94,7 +94,7 @@ class Track:
     """[rad/s], shape (n, 3)."""
 
 
-def body_windows(log: RunLog, segments: Sequence[Segment]) -> BodyWindows:
+def body_windows(log: RunLog, segments: Sequence[LogSegment]) -> BodyWindows:
     """Cuts a log with a measured base; `RecordingError` where no segment of it is long enough."""
     kp, kd = gains(log)
     drive = commanded_torque(log)
@@ -117,7 +117,7 @@ def body_windows(log: RunLog, segments: Sequence[Segment]) -> BodyWindows:
     return BodyWindows(**dict(zip(BY_WINDOW, columns, strict=True)), kp=kp, kd=kd)
 
 
-def track(log: RunLog, segment: Segment) -> Track:
+def track(log: RunLog, segment: LogSegment) -> SegmentTrack:
     """Signals of a segment at every physics step; slower streams are interpolated."""
     joints, base = log.joints, log.base
     if base is None:
@@ -127,8 +127,8 @@ def track(log: RunLog, segment: Segment) -> Track:
     ]
     time_s = np.arange(rows[0], rows[-1] + 0.5 * PHYSICS_DT, PHYSICS_DT)
     position = sampled(time_s, base.time_s, base.values[:, :3])
-    turn = rotations.normalised(
-        sampled(time_s, base.time_s, rotations.continuous(base.values[:, 3:7]))
+    turn = quaternions.normalised(
+        sampled(time_s, base.time_s, quaternions.continuous(base.values[:, 3:7]))
     )
     q = sampled(time_s, joints.time_s, joints.q)
     dq = (
@@ -138,12 +138,12 @@ def track(log: RunLog, segment: Segment) -> Track:
     )
     velocity = sampled(time_s, base.time_s, base.values[:, 7:10])
     gyro = None if log.imu is None else sampled(time_s, log.imu.time_s, log.imu.values[:, 4:7])
-    return Track(
+    return SegmentTrack(
         time_s=time_s, states=np.concatenate([position, turn, q, velocity, dq], axis=1), gyro=gyro
     )
 
 
-def late_steps(now: Track, turning: Floats) -> int:
+def late_steps(now: SegmentTrack, turning: Floats) -> int:
     """Steps by which a gyroscope is later than how the base turns [rad/s], shape (n, 3); 0 where it
     is on time or there is none.
     """
@@ -156,7 +156,7 @@ def late_steps(now: Track, turning: Floats) -> int:
     return int(np.argmin(apart)) if min(apart) < LATE_SHARE * apart[0] else 0
 
 
-def on_time(now: Track) -> Track:
+def on_time(now: SegmentTrack) -> SegmentTrack:
     """A track whose readings of a late gyroscope stand at the time at which they were measured.
 
     At its end the last reading stands for those that had not come yet. How late the gyroscope is,
@@ -180,7 +180,7 @@ def angular_velocity(quaternion: Floats) -> Floats:
     return np.asarray(2.0 * (w * dv - dw * v - np.cross(v, dv)))
 
 
-def _starts(segments: Sequence[Segment]) -> list[tuple[int, float]]:
+def _starts(segments: Sequence[LogSegment]) -> list[tuple[int, float]]:
     """Segment and earliest start [s] of each window: end to end,
     or spread where the log is longer than the budget.
     """
@@ -199,7 +199,7 @@ def _starts(segments: Sequence[Segment]) -> list[tuple[int, float]]:
     return starts
 
 
-def _smooth_place(now: Track, start_s: float) -> int:
+def _smooth_place(now: SegmentTrack, start_s: float) -> int:
     """The step near `start_s` at which the joints' velocities are closest to a parabola."""
     first = int(np.searchsorted(now.time_s, start_s - 0.5 * PHYSICS_DT))
     last = min(first + SEARCH_STEPS, len(now.time_s) - WINDOW_STEPS)
@@ -212,7 +212,7 @@ def _smooth_place(now: Track, start_s: float) -> int:
     return int(first + np.argmin(around[first - low : last - low]))
 
 
-def _state(now: Track, k: int) -> tuple[Floats, Floats]:
+def _state(now: SegmentTrack, k: int) -> tuple[Floats, Floats]:
     """Smoothed state at step `k`: `qpos` and `qvel` of the simulation."""
     low = max(0, min(k - SMOOTHING_STEPS // 2, len(now.time_s) - SMOOTHING_STEPS))
     part = slice(low, low + SMOOTHING_STEPS)

@@ -7,7 +7,13 @@ from functools import partial
 from saltus.arrays import Floats
 from saltus.depth import BASELINE_M
 from saltus.effects.image_delivery import CameraLatency, FrameDrop, TemporalSmear
-from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown, candidate, sought
+from saltus.real2sim.problem.problem import (
+    Candidate,
+    Unknown,
+    UnknownCoordinates,
+    candidate,
+    sought,
+)
 
 GEOMETRY = 0.95
 """Least share of its gap that an error of geometry closes where it alone is hidden: true ones close
@@ -34,13 +40,13 @@ def camera_candidates(
         _candidate(
             "camera_latency",
             Unknown("latency", -latency_s, latest_s, 1e-3),
-            coordinates=Coordinates.less("latency", latency_s),
+            coordinates=UnknownCoordinates.less("latency", latency_s),
         ),
         # lag in frames, (1 - alpha) / alpha: what an image is behind by in the mean is linear in it
         _candidate(
             "temporal_smear",
             Unknown("lag", 0.0, 1.0 / least_alpha - 1.0, 0.05),
-            coordinates=Coordinates(
+            coordinates=UnknownCoordinates(
                 parameters=lambda x: {"alpha": 1.0 / (1.0 + float(x[0]))},
                 unknowns=lambda values: (1.0 / values["alpha"] - 1.0,),
             ),
@@ -58,7 +64,7 @@ def camera_candidates(
         _candidate(
             "range_clip",
             Unknown("share", 0.0, 1.0, 0.05),
-            coordinates=Coordinates(
+            coordinates=UnknownCoordinates(
                 parameters=lambda x: {"max": farthest_m + float(x[0]) * (clip_m - farthest_m)},
                 unknowns=lambda values: (
                     (values["max"] - farthest_m) / min(clip_m - farthest_m, -1e-9),
@@ -69,7 +75,7 @@ def camera_candidates(
         _candidate(
             "depth_noise",
             Unknown("variance", 0.0, 400.0, 0.2),
-            coordinates=Coordinates(
+            coordinates=UnknownCoordinates(
                 parameters=lambda x: {
                     "subpixel_sigma": FLOOR * math.sqrt(float(x[0])) * focal_px * BASELINE_M
                 },
@@ -82,7 +88,7 @@ def camera_candidates(
         _candidate(
             "frame_drop",
             Unknown("angle", 0.0, math.asin(math.sqrt(most_dropped)), 0.03),
-            coordinates=Coordinates(
+            coordinates=UnknownCoordinates(
                 parameters=lambda x: {"fraction": math.sin(float(x[0])) ** 2},
                 unknowns=lambda values: (math.asin(math.sqrt(values["fraction"])),),
             ),

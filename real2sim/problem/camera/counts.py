@@ -11,7 +11,7 @@ from scipy.special import rel_entr
 
 from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.camera.candidates import FLOOR, CameraEffects
-from saltus.real2sim.problem.camera.data import CameraData, owners
+from saltus.real2sim.problem.camera.depth_model import WHOLE
 from saltus.real2sim.problem.camera.edges import (
     FEW_HOLES,
     MOST_HOLES,
@@ -21,7 +21,7 @@ from saltus.real2sim.problem.camera.edges import (
     plain_pixels,
     reach_px,
 )
-from saltus.real2sim.problem.camera.model import WHOLE
+from saltus.real2sim.problem.camera.log_images import CameraData, owners
 from saltus.real2sim.problem.camera.noise_parts import NoiseParts, noise_parts
 
 # Of the logarithm of noise from camera to camera: plane fits on real frames differ by as much
@@ -48,7 +48,7 @@ EDGE_MODEL_PX = 0.3  # what a camera without effects may lose or copy at an edge
 
 
 NOISE, HOLES, COPIES, LOST, USUAL, FILLED, PATTERN = range(7)
-Row = tuple[int, int, float, float, float, float, float]
+CountRow = tuple[int, int, float, float, float, float, float]
 """Kind, segment, time, value, standard deviation, the same where more is expected, argument."""
 
 
@@ -151,7 +151,7 @@ def counted_rows(data: CameraData) -> CountRows:
     )
 
 
-def _noise_rows(data: CameraData, noise: NoiseParts) -> list[Row]:
+def _noise_rows(data: CameraData, noise: NoiseParts) -> list[CountRow]:
     """Two rows for each part: its noise, and by how much structure
     that repeats would make it look larger.
     """
@@ -210,7 +210,7 @@ def _dense_view(data: CameraData) -> DenseView:
     )
 
 
-def _edge_rows(data: CameraData, view: DenseView) -> list[Row]:
+def _edge_rows(data: CameraData, view: DenseView) -> list[CountRow]:
     counts = edge_counts(view.predicted_m, view.measured_mm, view.range_m, view.clip_mm)
     owner = view.owner[counts.frame]
     rows = []
@@ -245,7 +245,7 @@ def _deviation_of_mean(images: list[np.floating]) -> float:
     return float(max(np.std(part) / np.sqrt(len(part)) for part in (images, blocks)))
 
 
-def _filled_rows(data: CameraData, view: DenseView) -> list[Row]:
+def _filled_rows(data: CameraData, view: DenseView) -> list[CountRow]:
     """How far holes away from edges are filled:
     the share that would be lost is that of the whole log.
     """
@@ -287,7 +287,7 @@ def _filled_rows(data: CameraData, view: DenseView) -> list[Row]:
     return rows
 
 
-def _lost_rows(data: CameraData) -> list[Row]:
+def _lost_rows(data: CameraData) -> list[CountRow]:
     owner = owners(data.frames.due_s, data.segments)
     rows = []
     for k in np.unique(owner[owner >= 0]):
@@ -298,7 +298,7 @@ def _lost_rows(data: CameraData) -> list[Row]:
     return rows
 
 
-def _usual_rows(data: CameraData, noise: NoiseParts) -> list[Row]:
+def _usual_rows(data: CameraData, noise: NoiseParts) -> list[CountRow]:
     """Rows known of cameras without a log.
 
     Without them, added noise looks like a camera that has more.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.arrays import Floats, Indices
-from saltus.real2sim.problem.camera.data import CameraData
+from saltus.real2sim.problem.camera.log_images import CameraData
 from saltus.real2sim.problem.camera.noise import log_repeating, log_variance, second_differences
 from saltus.real2sim.problem.camera.pixels import PixelGrid
 

@@ -7,8 +7,8 @@ import numpy as np
 from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.camera.candidates import CameraEffects, camera_candidates
 from saltus.real2sim.problem.camera.counts import COPIES, FILLED, NOISE, CountRows, counted_rows
-from saltus.real2sim.problem.camera.data import AS_CLAIMED, CameraData, camera_data
-from saltus.real2sim.problem.camera.model import DepthModel, shake_of
+from saltus.real2sim.problem.camera.depth_model import DepthModel, shake_of
+from saltus.real2sim.problem.camera.log_images import AS_CLAIMED, CameraData, camera_data
 from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, ExplanatoryVariable, Problem
 from saltus.recordings.run_log import RunLog
 

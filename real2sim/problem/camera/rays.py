@@ -12,7 +12,7 @@ from scipy.stats import median_abs_deviation
 
 from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.log import boxes_of, robot_of
-from saltus.real2sim.problem.rotations import continuous, normalised
+from saltus.real2sim.problem.quaternions import continuous, normalised
 from saltus.recordings.run_claims import CameraClaim
 from saltus.recordings.run_log import RunLog
 from saltus.robots.mount import Mount

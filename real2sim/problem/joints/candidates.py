@@ -11,13 +11,19 @@ import numpy as np
 from saltus.arrays import Floats
 from saltus.effects.joint_loads import JointSpring
 from saltus.effects.motors import LOSS_AT_KNEE
-from saltus.real2sim.problem.joints.drives import Drives
-from saltus.real2sim.problem.problem import Candidate, Coordinates, Unknown, sought, unknowns_of
+from saltus.real2sim.problem.joints.drives import JointDrives
+from saltus.real2sim.problem.problem import (
+    Candidate,
+    Unknown,
+    UnknownCoordinates,
+    sought,
+    unknowns_of,
+)
 
 NO_KNEE = 200.0  # [Nm] stated where the loss never reaches that share
 HALF_FREE = 0.02
 """Give of what holds a base [rad/Nm] at which its unknown is a half."""
-Law = Callable[..., Floats]
+EffectTorque = Callable[..., Floats]
 """A law of saturation gives the torque that is lost [Nm], for a commanded torque >= 0 [Nm] and the
 unknowns of the saturation."""
 JITTERS = 0.975
@@ -38,7 +44,7 @@ BEND = Unknown("bend", 0.0, 5e-3, 2e-4, is_shape=True, is_told=False)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Reach:
+class LogRange:
     """Range that a log covers at one place of all legs."""
 
     speed: float
@@ -59,22 +65,22 @@ class Reach:
     """Steps of an encoder that the angles suggest [rad]."""
 
 
-Starts = tuple[tuple[float, ...], ...]
+StartValues = tuple[tuple[float, ...], ...]
 SLOWER = 0.8
 """Ratio of the slowest leg's largest speed to that of all, below which it is a start of its own:
 legs that are told the same differ by less, and starts cost time."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Places:
-    """Ranges that a log covers at all places of a leg, as `Reach` has it; shapes (joints, 1)."""
+class LegLogRanges:
+    """Ranges that a log covers at all places of a leg, as `LogRange` has it; shapes (joints, 1)."""
 
     middle: Floats
     side: Floats
     end: Floats
 
     @classmethod
-    def of(cls, reach: Sequence[Reach]) -> "Places":
+    def of(cls, reach: Sequence[LogRange]) -> "LegLogRanges":
         """The reach at all places of a leg, from the base outwards."""
         return cls(
             **{
@@ -88,13 +94,15 @@ class Places:
 class JointKind(Candidate):
     """A candidate at any joint, and what of it depends on the place of a log."""
 
-    starts_at: Callable[[Starts, Reach], Starts] = lambda starts, _: starts
-    coordinates_at: Callable[[Reach], Coordinates] | None = None
-    drive: Callable[[tuple[Floats, ...], Places], tuple[Floats, ...]] = lambda unknowns, _: unknowns
-    """Function from the unknowns of a candidate to what `Drives` takes, arrays of shape
+    starts_at: Callable[[StartValues, LogRange], StartValues] = lambda starts, _: starts
+    coordinates_at: Callable[[LogRange], UnknownCoordinates] | None = None
+    drive: Callable[[tuple[Floats, ...], LegLogRanges], tuple[Floats, ...]] = lambda unknowns, _: (
+        unknowns
+    )
+    """Function from the unknowns of a candidate to what `JointDrives` takes, arrays of shape
     (branches, joints, sets)."""
 
-    def at(self, place: str, reach: Reach) -> Candidate:
+    def at(self, place: str, reach: LogRange) -> Candidate:
         """The candidate at a place of a leg."""
         way = self.coordinates if self.coordinates_at is None else self.coordinates_at(reach)
         return replace(
@@ -111,15 +119,15 @@ def _kind(
     )
 
 
-def _speeds(reach: Reach) -> tuple[float, ...]:
+def _speeds(reach: LogRange) -> tuple[float, ...]:
     """Speeds near which a limit of all legs, or of the slowest, may lie [rad/s]."""
     is_slower = reach.slowest < SLOWER * reach.speed
     return (reach.speed, reach.slowest) if is_slower else (reach.speed,)
 
 
-def _spring(reach: Reach) -> Coordinates:
+def _spring(reach: LogRange) -> UnknownCoordinates:
     """A spring by its pull at the mean angle, which tells nothing of its stiffness."""
-    return Coordinates(
+    return UnknownCoordinates(
         parameters=lambda x: {
             "torque": float(x[0] + x[1] * reach.middle),
             "stiffness": float(x[1]),
@@ -131,10 +139,10 @@ def _spring(reach: Reach) -> Coordinates:
     )
 
 
-def _stop(reach: Reach) -> Coordinates:
+def _stop(reach: LogRange) -> UnknownCoordinates:
     """A stop by how far it reaches into the range of the log."""
     name = "upper" if reach.side > 0.0 else "lower"
-    return Coordinates(
+    return UnknownCoordinates(
         parameters=lambda x: {"stiffness": float(x[0]), name: reach.end - reach.side * float(x[1])},
         unknowns=lambda values: (values["stiffness"], reach.side * (reach.end - values[name])),
     )
@@ -174,7 +182,7 @@ KINDS = (
         starts_at=lambda starts, reach: tuple(
             (weight, a * speed, b * speed) for speed in _speeds(reach) for weight, a, b in starts
         ),
-        coordinates=Coordinates(
+        coordinates=UnknownCoordinates(
             parameters=lambda x: {"corner": float(x[1]), "no_load": float(x[1]) + float(x[2])},
             unknowns=lambda values: (1.0, values["corner"], values["no_load"] - values["corner"]),
         ),
@@ -245,7 +253,7 @@ KINDS = (
         model_error=0.05,
         where="trunk",  # all legs have one base
         drive=lambda x, _: (x[0][:, 0], HALF_FREE * x[1][:, 0] / (1.0 - x[1][:, 0]), x[2][:, 0]),
-        coordinates=Coordinates(
+        coordinates=UnknownCoordinates(
             parameters=lambda x: {
                 "give": HALF_FREE * float(x[1] / (1.0 - x[1])),
                 "damping": float(x[2]),
@@ -292,11 +300,11 @@ class JointCandidates:
         self,
         places: Sequence[str],
         limit: Floats,
-        reach: Sequence[Reach],
+        reach: Sequence[LogRange],
         left_out: Sequence[str] = (),
     ) -> None:
         self._places, self._limit = tuple(places), limit
-        self._reached = Places.of(reach)
+        self._reached = LegLogRanges.of(reach)
         self.columns: dict[tuple[str, int], slice] = {}
         """Where the unknowns of an effect at the joint of a leg stand."""
         listed: list[Candidate] = []
@@ -317,7 +325,7 @@ class JointCandidates:
         self.listed = tuple(listed)
         self.count = start
 
-    def drives(self, unknowns: Floats, dt_s: float) -> Drives:
+    def drives(self, unknowns: Floats, dt_s: float) -> JointDrives:
         """Drives with the effects of sets of unknowns, shape (sets, branches, unknowns)."""
         found = [(kind, self._values(kind, unknowns)) for kind in KINDS]
         told = {
@@ -328,7 +336,7 @@ class JointCandidates:
         own: dict[str, Any] = {
             effect: values[0] if len(values) == 1 else values for effect, values in told.items()
         }
-        return Drives(count=len(unknowns), dt_s=dt_s, limit=self._limit[..., None], **own)
+        return JointDrives(count=len(unknowns), dt_s=dt_s, limit=self._limit[..., None], **own)
 
     def has(self, effects: Sequence[str], unknowns: Floats) -> np.ndarray:
         """Which sets have one of the effects anywhere, shape (sets,)."""
@@ -368,7 +376,7 @@ def knee_and_plateau(taken: Callable[[Floats], Floats], limit: float) -> dict[st
 
 
 def saturation_beside(
-    candidate: Candidate, known: Callable[[Floats], Floats], law: Law, limit: float
+    candidate: Candidate, known: Callable[[Floats], Floats], law: EffectTorque, limit: float
 ) -> Candidate:
     """The candidate of a saturation whose law adds to a known one.
 
@@ -376,7 +384,7 @@ def saturation_beside(
     """
     return replace(
         candidate,
-        coordinates=Coordinates(
+        coordinates=UnknownCoordinates(
             parameters=lambda x: knee_and_plateau(
                 lambda torque: law(torque, *x) + known(torque), limit
             ),

@@ -32,7 +32,7 @@ class DriveState:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Drives:
+class JointDrives:
     """Arrays of shape (branches, joints, sets); None is an effect that no set has."""
 
     count: int
@@ -102,7 +102,7 @@ class Drives:
             return None
         return np.asarray(sum(bent) / np.maximum(sum(level for level, *_ in both), LEAST_LEVEL))
 
-    def twice_as_fine(self) -> "Drives":
+    def twice_as_fine(self) -> "JointDrives":
         """A copy of the drives for instants that are twice as close.
 
         A loop at the coarser rate skips every second one.

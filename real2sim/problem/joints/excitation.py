@@ -8,8 +8,8 @@ import numpy as np
 from scipy.signal import zoom_fft
 
 from saltus.arrays import Floats, Indices
-from saltus.real2sim.problem.joints.candidates import Reach
-from saltus.real2sim.problem.joints.motion import Rows
+from saltus.real2sim.problem.joints.candidates import LogRange
+from saltus.real2sim.problem.joints.uniform_log import UniformLog
 from saltus.recordings.run_log import RunLog
 from saltus.sim.held_robot import HeldRobot
 
@@ -48,7 +48,7 @@ MOST = 0.9995  # quantile that counts as the largest: noise has outliers
 NO_VOLTAGE = "it couples all joints by the battery, whose voltage no log holds"
 
 
-def untestable(log: RunLog, rows: Rows, reach: Sequence[Reach]) -> dict[str, str]:
+def untestable(log: RunLog, rows: UniformLog, reach: Sequence[LogRange]) -> dict[str, str]:
     """Effects that this log cannot show, and why."""
     torque, speed = max(r.torque for r in reach), max(r.speed for r in reach)
     why: dict[str, str] = {}
@@ -84,8 +84,8 @@ def untestable(log: RunLog, rows: Rows, reach: Sequence[Reach]) -> dict[str, str
 
 
 def reach_of(
-    rows: Rows, kp: Floats, kd: Floats, robot: HeldRobot, steps: Sequence[float | None]
-) -> tuple[Reach, ...]:
+    rows: UniformLog, kp: Floats, kd: Floats, robot: HeldRobot, steps: Sequence[float | None]
+) -> tuple[LogRange, ...]:
     """How far the log goes at each place of the legs.
 
     Gains have the shape (joints,); `steps` is what `encoder_steps` found.
@@ -99,7 +99,7 @@ def reach_of(
         side, leg = np.unravel_index(np.argmin(to_limit[:, joints]), (2, len(joints)))
         nearest = side, joints[leg]
         reach.append(
-            Reach(
+            LogRange(
                 speed=float(speed[joints].max()),
                 slowest=float(speed[joints].min()),
                 torque=float(torque[joints].max()),
@@ -122,7 +122,7 @@ def _distinct(steps: Sequence[float]) -> tuple[float, ...]:
     return tuple(float(np.median(part)) for part in parts)[:MOST_STEPS]
 
 
-def encoder_steps(rows: Rows) -> tuple[float | None, ...]:
+def encoder_steps(rows: UniformLog) -> tuple[float | None, ...]:
     """Step [rad] of which the angles of each joint are near multiples; None where there is none."""
     return tuple(
         # a joint at rest is near a multiple of almost anything
@@ -166,7 +166,7 @@ def _step(angles: Floats) -> float | None:
     return step if sum(part > 0.5 * LEAST_SCORE for part in parts) >= TELLING else None
 
 
-class Grid:
+class NoiseScaledSignal:
     """The signal of a log, in units of its noise.
 
     Args:
@@ -177,7 +177,7 @@ class Grid:
     """
 
     def __init__(
-        self, rows: Rows, steps: Sequence[float | None], within: Indices, branches: Indices
+        self, rows: UniformLog, steps: Sequence[float | None], within: Indices, branches: Indices
     ) -> None:
         step = np.array([np.inf if s is None else s for s in steps])
         moves = (np.abs(rows.speed) > LEAST_MOVING) & np.isfinite(step) & rows.q_is_known

@@ -13,7 +13,7 @@ from scipy.stats import chi2
 
 from saltus.arrays import Floats, Indices
 from saltus.effects.effect import map_arrays
-from saltus.real2sim.problem.problem import Segment
+from saltus.real2sim.problem.problem import LogSegment
 
 ORDER = 2
 """Order of the autoregression: it holds a corner frequency and what an average adds to it."""
@@ -42,7 +42,7 @@ LARGEST_POLE = 0.98
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Whitening:
+class JointWhitening:
     """An autoregression for each signal."""
 
     weights: Floats
@@ -66,7 +66,7 @@ class Whitening:
         return out
 
 
-def whitening(pieces: Floats, floor: Floats, most_count: NDArray[np.bool_]) -> Whitening:
+def whitening(pieces: Floats, floor: Floats, most_count: NDArray[np.bool_]) -> JointWhitening:
     """The autoregression of pieces of noise (pieces, PIECE, ...), of which the quietest count.
 
     `floor` is the smallest standard deviation to believe in, shape (...); where `most_count`, most
@@ -89,12 +89,12 @@ def whitening(pieces: Floats, floor: Floats, most_count: NDArray[np.bool_]) -> W
     weights[1] = np.clip(weights[1], -LARGEST_POLE, LARGEST_POLE)
     known = weights[0] * first + weights[1] * second
     innovation = np.sqrt(variance * np.clip(1.0 - known, 1.0 - LARGEST_POLE, 1.0))
-    return Whitening(weights=weights, innovation=innovation, spread=np.sqrt(variance))
+    return JointWhitening(weights=weights, innovation=innovation, spread=np.sqrt(variance))
 
 
 def learned(
     repeats: list[Floats], claimed: Floats, floor: Floats, is_coarse: NDArray[np.bool_]
-) -> Whitening:
+) -> JointWhitening:
     """The whitening of repeats, or that of what is not smooth where it is clearly quieter.
 
     Repeats that differ by more than noise, e.g. because a battery emptied, overstate it.
@@ -113,7 +113,7 @@ def learned(
     known = whitening(np.concatenate(repeats), floor, is_coarse)
     ratio = np.where(is_short, FAR_LESS, CLEARLY_LESS)  # short pieces lack slow noise
     taken = (rough.spread < ratio * known.spread) & ~is_coarse
-    found: Whitening = map_arrays(lambda one, other: np.where(taken, one, other), rough, known)
+    found: JointWhitening = map_arrays(lambda one, other: np.where(taken, one, other), rough, known)
     return found
 
 
@@ -159,7 +159,7 @@ def _rest(samples: Floats, length: int) -> Floats:
 
 
 def noise_of_repeats(
-    time_s: Floats, rows: Floats, commands: Floats, segments: tuple[Segment, ...], averaged: int
+    time_s: Floats, rows: Floats, commands: Floats, segments: tuple[LogSegment, ...], averaged: int
 ) -> list[Floats]:
     """Pieces of noise from what is commanded twice:
     half the variance of the difference is that of one.

@@ -17,21 +17,26 @@ from saltus.effects.profile import Profile
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.joints.candidates import JointCandidates, saturation_beside
 from saltus.real2sim.problem.joints.drives import (
-    Drives,
+    JointDrives,
     Kinks,
     lost_to_saturation,
     saturation_loss,
 )
-from saltus.real2sim.problem.joints.excitation import Grid, encoder_steps, reach_of, untestable
-from saltus.real2sim.problem.joints.motion import (
+from saltus.real2sim.problem.joints.excitation import (
+    NoiseScaledSignal,
+    encoder_steps,
+    reach_of,
+    untestable,
+)
+from saltus.real2sim.problem.joints.noise import learned, noise_of_repeats
+from saltus.real2sim.problem.joints.replay import SIGNALS, replay
+from saltus.real2sim.problem.joints.torque_curve import corners_of
+from saltus.real2sim.problem.joints.uniform_log import (
     motions_of,
     twice_as_fine,
     uniform_rows,
     windows_of,
 )
-from saltus.real2sim.problem.joints.noise import learned, noise_of_repeats
-from saltus.real2sim.problem.joints.replay import SIGNALS, replay
-from saltus.real2sim.problem.joints.torque_curve import corners_of
 from saltus.real2sim.problem.log import gains, model_of, segments_of, torque_limits
 from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Problem
 from saltus.recordings.run_log import RunLog
@@ -192,12 +197,12 @@ class JointProblem(Problem):
 
         return tuple(with_assumed(candidate) for candidate in self._candidates.listed)
 
-    def _drives(self, unknowns: Floats) -> Drives:
+    def _drives(self, unknowns: Floats) -> JointDrives:
         return replace(
             self._candidates.drives(unknowns, self._motion.dt_s), holds_limit=self._holds_limit
         )
 
-    def _whitened(self, drives: Drives) -> Floats:
+    def _whitened(self, drives: JointDrives) -> Floats:
         # (samples, signals, branches, joints, sets)
         white = self._whitening.white(self._apart(drives), self._fresh)[self._kept]
         if self._grid.exists:
@@ -210,7 +215,7 @@ class JointProblem(Problem):
         white[:, : len(self._signals)][self._missing[self._kept]] = 0.0
         return white.transpose(4, 2, 1, 3, 0).reshape(drives.count, len(self.blocks), -1)
 
-    def _apart(self, drives: Drives) -> Floats:
+    def _apart(self, drives: JointDrives) -> Floats:
         """Measured minus simulated [rad], [rad/s], [Nm],
         shape (samples, signals, branches, joints, sets).
         """
@@ -251,7 +256,7 @@ class JointProblem(Problem):
         self._measured = np.nan_to_num(self._measured)
         self._time = time_s
         self._steps = encoder_steps(rows)
-        self._grid = Grid(rows, self._steps, within, branches)
+        self._grid = NoiseScaledSignal(rows, self._steps, within, branches)
         self._fresh = np.flatnonzero(np.diff(start, prepend=-size) != size)
         index = np.full(len(time_s), -1)
         for i, segment in enumerate(self.segments):

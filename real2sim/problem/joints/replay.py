@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.arrays import Floats, Indices
-from saltus.real2sim.problem.joints.drives import LEAST_LEVEL, Drives, DriveState
-from saltus.real2sim.problem.joints.mechanics import (
-    Play,
-    Sway,
+from saltus.real2sim.problem.joints.drives import LEAST_LEVEL, DriveState, JointDrives
+from saltus.real2sim.problem.joints.joint_mechanics import (
+    HeldJointMotion,
+    RotorPlay,
     accelerated,
     inverses_of,
     slipping,
@@ -60,12 +60,12 @@ class LoggedMotion:
     """Claimed [kg m^2], shape (branches, joints)."""
     elapsed: Floats
     """Share of the log that is over, shape (instants,)."""
-    sway: Sway | None = None
+    sway: HeldJointMotion | None = None
     """Sway of the base; None where it is not known what hangs from it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Windows:
+class JointWindows:
     """Stretches that are simulated on their own, from the measured state."""
 
     start: Indices
@@ -87,7 +87,9 @@ class Windows:
 SIGNALS = ("q", "dq", "tau_est")
 
 
-def replay(motion: LoggedMotion, windows: Windows, drives: Drives, averaged: int) -> Floats:
+def replay(
+    motion: LoggedMotion, windows: JointWindows, drives: JointDrives, averaged: int
+) -> Floats:
     """Simulates every window with every set of effects;
     `averaged` rows, by which windows divide, make a sample.
 
@@ -142,7 +144,7 @@ class _FastLoop:
 class _Simulation:
     """The state of all windows and sets."""
 
-    def __init__(self, motion: LoggedMotion, windows: Windows, drives: Drives) -> None:
+    def __init__(self, motion: LoggedMotion, windows: JointWindows, drives: JointDrives) -> None:
         self._motion, self._windows, self._drives = motion, windows, drives
         shape = (*windows.position.shape, drives.count)
         joints = shape[2]
@@ -164,7 +166,7 @@ class _Simulation:
             motion.armature[..., None],
         )
         rotor = self._claimed if drives.armature is None else self._claimed + drives.armature
-        self._play = None if drives.backlash is None else Play(*drives.backlash, rotor, shape)
+        self._play = None if drives.backlash is None else RotorPlay(*drives.backlash, rotor, shape)
         self._drive_state = DriveState()
         self._rolled = None
         if drives.base_roll is not None and motion.sway is not None:

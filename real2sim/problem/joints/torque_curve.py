@@ -13,7 +13,7 @@ from saltus.errors import ConfigError
 from saltus.real2sim.problem.log import quadruped_of
 from saltus.robots.robot import JOINTS, Robot
 
-Curve = tuple[tuple[float, float], ...]
+TorqueCurve = tuple[tuple[float, float], ...]
 """Pairs of commanded and delivered torque at a joint [Nm]."""
 
 DIGITS = 4
@@ -23,7 +23,7 @@ BEYOND_NM = 5.0
 on."""
 
 
-def delivered_torque(curve: Curve, torque: Floats) -> Floats:
+def delivered_torque(curve: TorqueCurve, torque: Floats) -> Floats:
     """Delivered torque for a commanded one >= 0 [Nm].
 
     Beyond its last point a curve goes on with its last slope.
@@ -68,7 +68,7 @@ def corners_of(
 
 
 def with_curve(
-    robot: Robot, before: TorqueSaturation, joints: Sequence[int], curve: Curve
+    robot: Robot, before: TorqueSaturation, joints: Sequence[int], curve: TorqueCurve
 ) -> TorqueSaturation:
     """A saturation with this curve at some joints,
     indices of `JOINTS`, and what it was at the others.

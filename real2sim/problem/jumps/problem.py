@@ -18,17 +18,17 @@ from saltus.effects.body import claimed_body
 from saltus.effects.motors import TorqueSaturation
 from saltus.effects.profile import Profile
 from saltus.errors import RecordingError
-from saltus.real2sim.problem.body.candidates import Claims, trunk_candidates
+from saltus.real2sim.problem.body.candidates import BodyClaims, trunk_candidates
 from saltus.real2sim.problem.joints.candidates import (
     LOOP_RATE,
     JointCandidates,
-    Reach,
+    LogRange,
     saturation_beside,
 )
 from saltus.real2sim.problem.joints.drives import Kinks, lost_to_saturation, saturation_loss
 from saltus.real2sim.problem.joints.excitation import LEAST_SAG_S, MOST, NO_VOLTAGE
 from saltus.real2sim.problem.joints.torque_curve import corners_of
-from saltus.real2sim.problem.jumps.stretch import BASE, Balance, stretch_of
+from saltus.real2sim.problem.jumps.stretch import BASE, TorqueBalance, stretch_of
 from saltus.real2sim.problem.log import (
     boxes_of,
     drive_torque,
@@ -95,7 +95,7 @@ class JumpProblem(Problem):
 
     def __init__(self, log: RunLog) -> None:
         self.model = robot_of(log)
-        self._claims = Claims.of(log)
+        self._claims = BodyClaims.of(log)
         self.segments = segments_of(log)
         self._robot = MeasuredRobot(self.model, boxes_of(log), self._claims.payload_position)
         found = [stretch_of(log, segment, self._robot) for segment in self.segments]
@@ -104,7 +104,7 @@ class JumpProblem(Problem):
             raise RecordingError("no segment of the log is long enough to be compared")
         owners = [i for i, stretch in enumerate(found) if stretch is not None]
         body = claimed_body(payload_kg=self._claims.payload_kg)
-        self._balances = [Balance(stretch, self._robot, body) for stretch in self._stretches]
+        self._balances = [TorqueBalance(stretch, self._robot, body) for stretch in self._stretches]
         self._slopes = np.array([self._changed(row) / row.max() for row in BODIES])
         self._limits = torque_limits(self.model).reshape(len(LEGS), len(LINKS))
         self._reach = _reach_of(log, self.model.stand_pose)
@@ -273,7 +273,7 @@ def _noise(values: Floats) -> float:
     return quiet_sigma(np.diff(values, n=3, axis=0)) / float(np.sqrt(20.0))
 
 
-def _reach_of(log: RunLog, stand: Floats) -> tuple[Reach, ...]:
+def _reach_of(log: RunLog, stand: Floats) -> tuple[LogRange, ...]:
     """How far a log goes at each place of a leg.
 
     Springs count from the stand pose, so that logs share them.
@@ -284,7 +284,7 @@ def _reach_of(log: RunLog, stand: Floats) -> tuple[Reach, ...]:
     )
     of_legs = np.stack([speed, torque, stand]).reshape(3, len(LEGS), len(LINKS))
     return tuple(
-        Reach(
+        LogRange(
             speed=float(speed.max()),
             slowest=float(speed.min()),
             torque=float(torque.max()),

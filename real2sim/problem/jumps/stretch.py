@@ -18,17 +18,17 @@ from saltus.real2sim.problem.body.windows import (
     POSE,
     RATES,
     VELOCITY,
-    Track,
+    SegmentTrack,
     angular_velocity,
     late_steps,
     track,
 )
-from saltus.real2sim.problem.joints.drives import Drives, DriveState
+from saltus.real2sim.problem.joints.drives import DriveState, JointDrives
 from saltus.real2sim.problem.log import gains_in_force
-from saltus.real2sim.problem.problem import Segment
+from saltus.real2sim.problem.problem import LogSegment
 from saltus.recordings.run_log import RunLog
 from saltus.robots.robot import LEGS, LINKS
-from saltus.sim.measured_robot import MeasuredMotion, MeasuredRobot, Touch
+from saltus.sim.measured_robot import MeasuredContact, MeasuredMotion, MeasuredRobot
 
 Values = TypeVar("Values", bound=AnyArray)
 
@@ -45,7 +45,7 @@ its foot."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Stretch:
+class JumpStretch:
     """One segment at n physics steps.
 
     Blocks of `size` steps begin at step `first`, where the base was measured.
@@ -60,7 +60,7 @@ class Stretch:
     """
 
     motion: MeasuredMotion
-    touch: Touch
+    touch: MeasuredContact
     commands: Floats
     elapsed: Floats
     time_s: Floats
@@ -80,7 +80,7 @@ class Stretch:
         angle, rate = self.motion.position[:, BASE + 1 :], self.motion.velocity[:, BASE:]
         return np.asarray(kp * (q_des - angle) + kd * (dq_des - rate) + feedforward)
 
-    def torque(self, drives: Drives) -> Floats:
+    def torque(self, drives: JointDrives) -> Floats:
         """Returns what drives with these effects give along the measured motion [Nm],
         shape (n, 4, 3, sets).
         """
@@ -116,7 +116,7 @@ class Stretch:
         return torque if drives.armature is None else torque - drives.armature * change
 
 
-def stretch_of(log: RunLog, segment: Segment, robot: MeasuredRobot) -> Stretch | None:
+def stretch_of(log: RunLog, segment: LogSegment, robot: MeasuredRobot) -> JumpStretch | None:
     """The stretch of a segment; None where it is shorter than a block."""
     now, base = track(log, segment), log.base
     if base is None or len(now.time_s) < 3 * POLICY_STEPS:
@@ -134,7 +134,7 @@ def stretch_of(log: RunLog, segment: Segment, robot: MeasuredRobot) -> Stretch |
     )
     time_s = now.time_s[:-1]
     near = np.abs((time_s[:size, None] - base.time_s) / PHYSICS_DT).min(axis=1)
-    return Stretch(
+    return JumpStretch(
         motion=motion,
         touch=robot.touch(motion.position),
         commands=_commands(log, time_s),
@@ -145,7 +145,7 @@ def stretch_of(log: RunLog, segment: Segment, robot: MeasuredRobot) -> Stretch |
     )
 
 
-def _turning(now: Track) -> Floats:
+def _turning(now: SegmentTrack) -> Floats:
     """Rates of the base of a gyroscope, without its bias [rad/s], own frame, shape (n, 3).
 
     Orientations tell rates only as means, in which a landing is lost.
@@ -161,7 +161,7 @@ def _turning(now: Track) -> Floats:
     return now.gyro - np.mean(now.gyro - turning, axis=0)
 
 
-class Balance:
+class TorqueBalance:
     """The equations of motion of a stretch, without what is unknown of them:
     the forces of the ground.
 
@@ -181,7 +181,7 @@ class Balance:
             shape (b, 6).
     """
 
-    def __init__(self, stretch: Stretch, robot: MeasuredRobot, claimed: BodyModel) -> None:
+    def __init__(self, stretch: JumpStretch, robot: MeasuredRobot, claimed: BodyModel) -> None:
         self._stretch, self._robot, touch = stretch, robot, stretch.touch
         own = [touch.jacobian[:, i, :, BASE + 3 * i : BASE + 3 * i + 3] for i in range(len(LEGS))]
         inverse = np.linalg.pinv(np.stack(own, axis=1))  # foot's velocity -> joints'
@@ -236,7 +236,7 @@ def _commands(log: RunLog, time_s: Floats) -> Floats:
     return told[:, row].reshape(5, len(time_s), len(LEGS), len(LINKS))
 
 
-def _lagged(torque: Floats, drives: Drives) -> Floats:
+def _lagged(torque: Floats, drives: JointDrives) -> Floats:
     """The torque after the lag of each joint, as the drives' law has it step by step.
 
     Shape (n, 4, 3, sets).

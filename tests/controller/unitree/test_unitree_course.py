@@ -24,7 +24,7 @@ from saltus.grid import DEFAULT_GRID, load_grid
 from saltus.policy.level_run import LevelRun
 from saltus.policy.planner import make_planner
 from saltus.runtime.process import ProcessContext
-from saltus.sim.state import PlantState
+from saltus.sim.plant_state import PlantState
 from saltus.terrain import flat
 from saltus.wire.bus import topic_of, unpack
 from saltus.wire.messages import Event, GroundTruth, JointLog, Message, RobotState

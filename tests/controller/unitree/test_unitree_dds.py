@@ -13,10 +13,10 @@ from unitree_processes import simulated
 from benchmarks.unitree_link.command import LOOPBACK, compiled, own_domain
 from benchmarks.unitree_link.in_memory import ROBOT, tick
 from saltus.clock import RunClock
-from saltus.controller.loop import ControlLoop
+from saltus.controller.control_loop import ControlLoop
 from saltus.controller.robot.unitree.link import COMMANDS, STATES, TRUTHS, UnitreeLink
 from saltus.controller.robot.unitree.robot import UnitreeRobot
-from saltus.controller.robot.unitree.serving import Stranger
+from saltus.controller.robot.unitree.serving import OtherCommander
 from saltus.errors import StackError
 from saltus.joint_command import JointCommand
 
@@ -118,7 +118,7 @@ def test_a_stranger_is_named_and_nothing_is_sent(link: UnitreeLink) -> None:
             robot.reset()
         with pytest.raises(StackError, match="nothing is sent"):
             robot.write(random_command(np.random.default_rng(0)))
-        own = Stranger(ROBOT, own_domain(), "lo").payload
+        own = OtherCommander(ROBOT, own_domain(), "lo").payload
         heard: list[bytes] = []
         while len(heard) < 50 and time.monotonic() < until_s:
             heard += [arrived.payload for arrived in listener.take(COMMANDS)]

@@ -6,7 +6,7 @@ import pytest
 from benchmarks.unitree_link.in_memory import ROBOT, Bounding, Wire, simulated
 from saltus.constants import PHYSICS_DT
 from saltus.controller.rising import RISE_S
-from saltus.controller.robot.backend import Reading
+from saltus.controller.robot.backend import RobotReading
 from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.controller.robot.unitree import states
 from saltus.controller.robot.unitree.drives import state_message
@@ -17,7 +17,7 @@ from saltus.policy.evaluation.walking_trials import WalkTrials, run_tasks, tasks
 from saltus.policy.evaluation.walks import TrueHeightSource
 from saltus.real2sim.experiments.on_backend import ExperimentRun, held_experiment
 from saltus.robots.robot import JOINTS
-from saltus.states import Sensed
+from saltus.states import SensorArrays
 from saltus.used_networks import walking_path
 
 BOUNDS_S = RISE_S + 1.0
@@ -47,9 +47,9 @@ def test_no_hip_of_a_healthy_robot_is_named(ground: str, monkeypatch: pytest.Mon
     watch, most = HipWatch(ROBOT), [0.0]
     read = MujocoRobot.read
 
-    def heard(robot: MujocoRobot) -> Reading:
+    def heard(robot: MujocoRobot) -> RobotReading:
         reading = read(robot)
-        assert isinstance(reading.measurement, Sensed)
+        assert isinstance(reading.measurement, SensorArrays)
         message = state_message(reading.measurement, reading.joint_torque, ROBOT)
         message["tick"] = 2 * len(most)
         watch.take(message)

@@ -14,7 +14,7 @@ from unitree_processes import saltus, simulated
 from benchmarks.unitree_link.command import own_domain
 from benchmarks.unitree_link.in_memory import ROBOT, Run, tick
 from saltus.constants import PHYSICS_DT
-from saltus.controller.loop import ControlLoop
+from saltus.controller.control_loop import ControlLoop
 from saltus.controller.robot.unitree.link import COMMANDS, STATES, UnitreeLink
 from saltus.controller.robot.unitree.log import TOPICS, new_log
 from saltus.controller.robot.unitree.messages import DEFINITIONS, LOW_COMMAND, LOW_STATE
@@ -22,7 +22,7 @@ from saltus.controller.robot.unitree.robot import UnitreeRobot
 from saltus.errors import RecordingError
 from saltus.joint_command import JointCommand
 from saltus.real2sim.importers.importing import import_recording
-from saltus.recordings.description import Description
+from saltus.recordings.recording_description import RecordingDescription
 from saltus.recordings.run_log import RunLog, read_run_log
 
 PATIENCE_S = 60.0
@@ -85,7 +85,7 @@ def written(path: Path, rows: Rows, kind: str) -> Path:
 
 def imported(path: Path, **claims: Any) -> tuple[RunLog, tuple[str, ...]]:
     out = path.parent / "log"
-    told = import_recording(path, out, Description(claims=claims), ROBOT)
+    told = import_recording(path, out, RecordingDescription(claims=claims), ROBOT)
     return read_run_log(out), told.notes
 
 

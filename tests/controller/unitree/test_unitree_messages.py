@@ -14,8 +14,8 @@ from saltus.controller.robot.unitree.messages import (
     DEFINITIONS,
     LOW_COMMAND,
     LOW_STATE,
-    Message,
     MessageLayout,
+    UnitreeMessage,
     checksum,
     is_intact,
 )
@@ -30,7 +30,9 @@ SIZES = {LOW_COMMAND.type_name: 812, LOW_STATE.type_name: 1180}
 LAYOUTS = pytest.mark.parametrize("layout", [LOW_COMMAND, LOW_STATE], ids=["command", "state"])
 
 
-def random_messages(layout: MessageLayout, count: int, seed: int, limit: int = 256) -> Message:
+def random_messages(
+    layout: MessageLayout, count: int, seed: int, limit: int = 256
+) -> UnitreeMessage:
     """Messages of random bytes below `limit`."""
     rng = np.random.default_rng(seed)
     head = np.tile(np.array([0, 1, 0, 0], np.uint8), (count, 1))
@@ -38,7 +40,7 @@ def random_messages(layout: MessageLayout, count: int, seed: int, limit: int = 2
     return layout.read([row.tobytes() for row in np.hstack([head, body])])
 
 
-def bitwise(messages: Message) -> np.ndarray:
+def bitwise(messages: UnitreeMessage) -> np.ndarray:
     """The checksum as it is defined, bit by bit, of each message."""
     words = np.stack([np.frombuffer(message.tobytes(), "<u4") for message in messages])
     register = np.full(len(words), 0xFFFFFFFF, np.uint32)

@@ -19,7 +19,7 @@ from saltus.controller.robot.unitree.states import StateWatch
 from saltus.errors import ConfigError, StackError
 from saltus.joint_command import JointCommand
 from saltus.robots.robot import JOINTS, Robot
-from saltus.states import Sensed
+from saltus.states import SensorArrays
 
 DAMPED_S = 0.110
 """A fault may take so long until the robot is damped."""
@@ -61,7 +61,7 @@ def test_commands_and_states_come_out_as_they_went_in(seed: int) -> None:
         sent["motor_cmd"]["q"][:12], robot.joint_sign * command.position, rtol=1e-6
     )
     shapes = {"quaternion_base_in_world": 4, "angular_velocity_base": 3, "acceleration_base": 3}
-    sensed = Sensed(
+    sensed = SensorArrays(
         **{name: rng.normal(size=size) for name, size in shapes.items()},
         joint_position=rng.normal(size=12), joint_velocity=rng.normal(size=12),
     )  # fmt: skip

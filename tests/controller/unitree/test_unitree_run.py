@@ -18,7 +18,7 @@ from saltus.real2sim.experiments import motions
 from saltus.real2sim.experiments.menu import Experiment
 from saltus.real2sim.experiments.motions import repeated
 from saltus.real2sim.experiments.on_backend import ExperimentRun, held_experiment
-from saltus.real2sim.experiments.safety import Limits, UnsafeMotionError
+from saltus.real2sim.experiments.safety import ExperimentLimits, UnsafeMotionError
 from saltus.wire.messages import ControllerMode
 
 PATIENCE_S = 100.0
@@ -124,7 +124,7 @@ def test_a_robot_beyond_the_limits_of_its_stage_is_named_and_damped(
 def sine(speed_share: float = 1.0) -> Experiment:
     return Experiment(
         name="sine", how="", shows=(), base="fixed",
-        limits=Limits(tilt_rad=3.2, speed_share=speed_share),
+        limits=ExperimentLimits(tilt_rad=3.2, speed_share=speed_share),
         sections=lambda robot: repeated("sine", 1, motions.sine(robot, 1.0, 1.0, 0.2)),
     )  # fmt: skip
 

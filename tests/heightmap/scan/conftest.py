@@ -9,8 +9,8 @@ import torch
 from small_flights import EXACT, SMALL
 
 from saltus.heightmap.scan.settings import MapSettings
-from saltus.heightmap.scan.training.draws import Draws
-from saltus.heightmap.scan.training.flights import Flight, draw_flight
+from saltus.heightmap.scan.training.flights import FlightDraws, draw_flight
+from saltus.heightmap.scan.training.seeded_random import SeededRandom
 from saltus.heightmap.scan.training.settings import (
     FlightSettings,
     NetworkSettings,
@@ -19,15 +19,15 @@ from saltus.heightmap.scan.training.settings import (
 
 
 @pytest.fixture
-def draws() -> Draws:
-    return Draws(5, torch.device("cpu"))
+def draws() -> SeededRandom:
+    return SeededRandom(5, torch.device("cpu"))
 
 
 @pytest.fixture
-def fly(draws: Draws) -> Callable[..., tuple[Flight, FlightSettings]]:
+def fly(draws: SeededRandom) -> Callable[..., tuple[FlightDraws, FlightSettings]]:
     """Draws a flight of some robots; settings that are named replace those of `EXACT`."""
 
-    def drawn(robots: int = 4, **changes: Any) -> tuple[Flight, FlightSettings]:
+    def drawn(robots: int = 4, **changes: Any) -> tuple[FlightDraws, FlightSettings]:
         settings = replace(EXACT, **changes)
         return draw_flight(robots, settings, draws), settings
 

@@ -10,7 +10,7 @@ import onnx
 from onnx import TensorProto, helper
 
 from saltus.depth import Intrinsics, depth_frame
-from saltus.heightmap.scan.planes import MEASURED, MEMORY, NUMBERS
+from saltus.heightmap.scan.network_inputs import MEASURED, MEMORY, NUMBERS
 from saltus.heightmap.scan.predictor import FORMAT
 from saltus.heightmap.scan.settings import MapSettings
 from saltus.robots.mount import Mount

@@ -10,8 +10,8 @@ import torch
 
 from saltus.heightmap.scan.elevation import (
     ElevationMap,
-    Measurement,
-    Pose,
+    MapUpdate,
+    OdometryPoses,
     advanced,
     is_known,
     new_map,
@@ -28,8 +28,11 @@ def flown(fly, draws, settings=SETTINGS, robots=3, **changes):
 
 
 def each(measured, change):
-    return Measurement(
-        *(Pose(*map(change, v)) if isinstance(v, Pose) else change(v) for v in measured)
+    return MapUpdate(
+        *(
+            OdometryPoses(*map(change, v)) if isinstance(v, OdometryPoses) else change(v)
+            for v in measured
+        )
     )
 
 
@@ -74,8 +77,8 @@ def still(offset, n=20_000, seed=0):
     """
     xy = np.random.default_rng(seed).uniform(-0.6, 0.6, (1, n, 2))
     points = np.concatenate((xy, bumpy(xy[..., :1], xy[..., 1:])), -1)
-    pose = Pose(np.asarray([offset], float), np.eye(3)[None])
-    return Measurement(
+    pose = OdometryPoses(np.asarray([offset], float), np.eye(3)[None])
+    return MapUpdate(
         points=points, depth=np.full((1, n), 0.5), exposed=pose, now=pose, feet=np.zeros((1, 1, 3)),
         standing=np.zeros((1, 1), bool), body_height=np.full(1, 0.3), exposed_s=np.zeros(1),
         odometry_error=np.ones(1), mount_error=np.ones(1),

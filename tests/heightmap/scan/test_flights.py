@@ -8,10 +8,10 @@ from small_flights import EXACT, SMALL
 
 from saltus.heightmap.scan.elevation import advanced, is_known, new_map
 from saltus.heightmap.scan.settings import MapSettings
-from saltus.heightmap.scan.training.draws import Draws
 from saltus.heightmap.scan.training.flights import draw_flight, redrawn, shoot, true_heights
-from saltus.heightmap.scan.training.ground import Ground, draw_ground, heights_at
-from saltus.heightmap.scan.training.rays import first_hits
+from saltus.heightmap.scan.training.ground_patches import GroundPatches, draw_ground, heights_at
+from saltus.heightmap.scan.training.raster_rays import first_hits
+from saltus.heightmap.scan.training.seeded_random import SeededRandom
 from saltus.heightmap.scan.training.settings import FAMILIES
 
 OFF_M = 0.005
@@ -47,7 +47,9 @@ def test_a_ray_meets_a_step_where_geometry_says(down):
         torch.where(x > 1.0, 0.3, 0.0)[None, :, None].expand(1, -1, settings.raster).contiguous()
     )
     zero = torch.zeros(1)
-    ground = Ground(height, torch.zeros(1, dtype=torch.long), zero, top=zero + 0.3, bottom=zero)
+    ground = GroundPatches(
+        height, torch.zeros(1, dtype=torch.long), zero, top=zero + 0.3, bottom=zero
+    )
     angle = torch.deg2rad(torch.tensor(down))
     direction = torch.stack((angle.cos(), torch.tensor(0.0), -angle.sin())).view(1, 1, 3)
     origin = torch.tensor([[[0.0, 0.013, 0.5]]])
@@ -63,7 +65,7 @@ def test_a_ray_meets_a_step_where_geometry_says(down):
 
 def test_a_ray_that_meets_nothing_has_no_depth():
     zero = torch.zeros(1)
-    ground = Ground(
+    ground = GroundPatches(
         torch.zeros(1, 64, 64), torch.zeros(1, dtype=torch.long), zero, top=zero, bottom=zero
     )
     up = torch.tensor([[[1.0, 0.0, 0.2]]])
@@ -103,13 +105,15 @@ def test_a_seed_gives_the_same_ground_and_images():
     device = torch.device("cpu")
     shots = []
     for _ in range(2):
-        draws = Draws(7, device)
+        draws = SeededRandom(7, device)
         flight = draw_flight(3, SMALL, draws)
         shots.append([shoot(flight, SMALL, draws) for _ in range(2)][-1])
     for one, other in zip(shots[0].measured, shots[1].measured, strict=True):
         if isinstance(one, torch.Tensor):
             torch.testing.assert_close(one, other, rtol=0.0, atol=0.0)
-    assert not torch.equal(draw_ground(3, SMALL, Draws(8, device)).height, flight.ground.height)
+    assert not torch.equal(
+        draw_ground(3, SMALL, SeededRandom(8, device)).height, flight.ground.height
+    )
 
 
 def test_redrawing_some_robots_leaves_the_others(fly, draws):

@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from saltus.heightmap.scan.elevation import WIDEST, new_map
-from saltus.heightmap.scan.planes import Heights, remembered
+from saltus.heightmap.scan.network_inputs import MapHeights, remembered
 from saltus.heightmap.scan.settings import MapSettings
 from saltus.heightmap.scan.training.examples import with_image
 from saltus.heightmap.scan.training.flights import shoot
@@ -30,8 +30,8 @@ def test_an_image_alone_is_what_it_would_be_as_the_first(fly, draws):
 def test_the_surer_height_is_kept_and_gets_less_sure():
     rng = np.random.default_rng(0)
     state, shape = new_map(2, SETTINGS, np.zeros(1)), (2, SETTINGS.side, SETTINGS.side)
-    state = remembered(state, Heights(rng.normal(size=shape), rng.uniform(0.01, 0.2, shape)))
-    new = Heights(rng.normal(size=shape), rng.uniform(0.01, 0.2, shape))
+    state = remembered(state, MapHeights(rng.normal(size=shape), rng.uniform(0.01, 0.2, shape)))
+    new = MapHeights(rng.normal(size=shape), rng.uniform(0.01, 0.2, shape))
     found = kept(state, state.corner, new, np.full(2, 0.1), SETTINGS)
     is_new = found.height == new.height
     np.testing.assert_array_equal(found.height, np.where(is_new, new.height, state.told))
@@ -47,7 +47,7 @@ def test_an_image_of_another_window_is_put_in_its_place():
     found = kept(
         state,
         state.corner + np.array([[1, -2]]),
-        Heights(height, np.full(shape, 0.1)),
+        MapHeights(height, np.full(shape, 0.1)),
         np.zeros(1),
         SETTINGS,
     )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from samples import ROBOT
 
-from saltus.heightmap.scan.body import MARGIN_M, BodyBox, NoBody, RobotBody
+from saltus.heightmap.scan.own_body import MARGIN_M, BodyBox, NoBody, RobotBody
 from saltus.robots.leg_shapes import LegShapes
 from saltus.robots.robot import Robot
 

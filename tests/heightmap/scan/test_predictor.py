@@ -10,13 +10,13 @@ import torch
 from saltus.errors import ModelError
 from saltus.grid import SCAN, HeightGrid
 from saltus.heightmap.scan.cells import places, sampled
-from saltus.heightmap.scan.elevation import Measurement, Pose, new_map
-from saltus.heightmap.scan.planes import remembered
+from saltus.heightmap.scan.elevation import MapUpdate, OdometryPoses, new_map
+from saltus.heightmap.scan.network_inputs import remembered
 from saltus.heightmap.scan.predictor import ScanNetwork, ScanPredictor
 from saltus.heightmap.scan.training.examples import with_image
 from saltus.heightmap.scan.training.export import export
 from saltus.heightmap.scan.training.flights import shoot
-from saltus.heightmap.scan.training.model import ScanModel, told
+from saltus.heightmap.scan.training.scan_model import ScanModel, told
 from saltus.used_networks import model_path
 
 GRID = HeightGrid(x=(-0.2, -0.1, 0.0, 0.1, 0.2), y=(-0.1, 0.0, 0.1))
@@ -35,9 +35,13 @@ def alone(measured):
     """The first robot of a batch, in numpy."""
 
     def one(value):
-        return Pose(*map(one, value)) if isinstance(value, Pose) else value[:1].numpy()
+        return (
+            OdometryPoses(*map(one, value))
+            if isinstance(value, OdometryPoses)
+            else value[:1].numpy()
+        )
 
-    return Measurement(*map(one, measured))
+    return MapUpdate(*map(one, measured))
 
 
 def test_it_tells_what_training_computes(small, exported, fly, draws):

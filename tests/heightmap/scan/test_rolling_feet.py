@@ -12,7 +12,7 @@ from saltus.heightmap.service.rolling_feet import MEAN_S, MOST_MPS, RollingFeet
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import LEGS, Robot
 from saltus.robots.shipped import shipped_robots
-from saltus.sim import scene
+from saltus.sim import robot_model
 from saltus.states import standing_state
 from saltus.terrain.curriculum import make_terrain
 from saltus.wire.messages import RobotState
@@ -32,7 +32,7 @@ def rolling(robot: Robot, rng: np.random.Generator, sole: float) -> tuple[RobotS
 
     MuJoCo says how the shank turns and the foot moves.
     """
-    model = scene.build_spec(robot, make_terrain(TerrainConfig(terrain="flat"))).compile()
+    model = robot_model.build_spec(robot, make_terrain(TerrainConfig(terrain="flat"))).compile()
     data, leg = mujoco.MjData(model), int(rng.integers(4))
     attitude = rotations.quaternion_from_roll_pitch_yaw(
         *(np.asarray(a) for a in rng.uniform(-0.6, 0.6, 3))

@@ -14,7 +14,7 @@ from saltus.config import RunConfig, RunPlanner
 from saltus.depth_camera import DepthCamera, load_camera
 from saltus.errors import ConfigError
 from saltus.grid import SCAN
-from saltus.heightmap.service.link import RobotLink
+from saltus.heightmap.service.robot_inbox import RobotInbox
 from saltus.heightmap.service.scan_fleet import ScanChoice, ScanFleet
 from saltus.robots.mount import Mount
 from saltus.runtime.process import ProcessContext
@@ -43,7 +43,7 @@ def test_images_of_two_cameras_come_under_their_names_and_a_robot_that_starts_an
     front, rear = camera("front", 0.0), camera("rear", np.pi)
     asked = choice(tmp_path, front, rear)
     fleet = ScanFleet(asked.network(), asked.rig(ROBOT, front), [PREFIX], at_once=True)
-    link = RobotLink(context, TOPICS["camera/depth"], ["rear"])
+    link = RobotInbox(context, TOPICS["camera/depth"], ["rear"])
     mounts = {"": Mount.of(front.mounted_on(ROBOT)), "rear": Mount.of(rear.mounted_on(ROBOT))}
 
     def run(robot: MemoryBus, first: int, steps: int) -> float:

@@ -16,10 +16,10 @@ from samples import ROBOT
 
 from saltus.dialects import DIALECTS
 from saltus.grid import LINE, SCAN, HeightGrid
-from saltus.heightmap.scan.body import NoBody
-from saltus.heightmap.scan.cameras import ScanCamera
-from saltus.heightmap.scan.elevation import Measurement
+from saltus.heightmap.scan.elevation import MapUpdate
+from saltus.heightmap.scan.own_body import NoBody
 from saltus.heightmap.scan.predictor import ScanNetwork, ScanPredictor
+from saltus.heightmap.scan.scan_camera import ScanCamera
 from saltus.heightmap.service.scan import FIRST, LEGS_ODOMETRY_ERROR, ScanRig, ScanService
 from saltus.loop.shadows import deepened
 from saltus.robots.legs import LegKinematics
@@ -133,10 +133,10 @@ def test_the_network_is_told_how_well_odometry_and_mounts_are_known(
     robot: Robot | None, odometry: float,
 ) -> None:  # fmt: skip
     """The worst of several cameras counts."""
-    told: list[Measurement] = []
+    told: list[MapUpdate] = []
     see = ScanPredictor.see
 
-    def seen(self: ScanPredictor, measured: Measurement, now_s: float) -> bool:
+    def seen(self: ScanPredictor, measured: MapUpdate, now_s: float) -> bool:
         told.append(measured)
         return see(self, measured, now_s)
 

@@ -10,28 +10,28 @@ import torch
 
 from saltus.errors import ConfigError, ModelError
 from saltus.heightmap.scan.elevation import WIDEST, new_map
-from saltus.heightmap.scan.planes import MEASURED, MEMORY, NUMBERS, Heights
+from saltus.heightmap.scan.network_inputs import MEASURED, MEMORY, NUMBERS, MapHeights
 from saltus.heightmap.scan.settings import MapSettings
 from saltus.heightmap.scan.training.card import card, read_results
-from saltus.heightmap.scan.training.draws import Draws
 from saltus.heightmap.scan.training.evaluation import (
     evaluate,
     table_of,
     usual_flights,
     write_results,
 )
-from saltus.heightmap.scan.training.examples import Calls, example
+from saltus.heightmap.scan.training.examples import UpdateCalls, example
 from saltus.heightmap.scan.training.export import export
 from saltus.heightmap.scan.training.files import read_checkpoint
 from saltus.heightmap.scan.training.flights import draw_flight
-from saltus.heightmap.scan.training.model import ScanModel, loss, parameter_count
-from saltus.heightmap.scan.training.safeguards import GradientLimits
+from saltus.heightmap.scan.training.gradient_limits import GradientLimits
+from saltus.heightmap.scan.training.scan_model import ScanModel, loss, parameter_count
+from saltus.heightmap.scan.training.seeded_random import SeededRandom
 from saltus.heightmap.scan.training.settings import (
     FlightSettings,
     NetworkSettings,
     ScanTrainSettings,
 )
-from saltus.heightmap.scan.training.train import Trainer, train
+from saltus.heightmap.scan.training.train import ScanTrainer, train
 from saltus.model_file import ModelFile
 from saltus.onnx_export import weights_of
 
@@ -40,7 +40,7 @@ CPU = torch.device("cpu")
 
 def test_a_training_that_was_interrupted_is_as_one_that_was_not(small, tmp_path):
     whole = train(small, tmp_path / "whole", updates=6, device=CPU)
-    trainer = Trainer(small, CPU)
+    trainer = ScanTrainer(small, CPU)
     trainer.round(0.0, 0.5)
     (tmp_path / "parts").mkdir()
     trainer.save(tmp_path / "parts" / "scan.pt")
@@ -62,7 +62,7 @@ def test_a_burst_moves_weights_by_no_more_than_usual(small, monkeypatch, size):
         return loss(*given) * (size if counts["updates"] % 7 == 6 else 1.0)
 
     small = replace(small, round=12)
-    steady, burst = Trainer(small, CPU), Trainer(small, CPU)
+    steady, burst = ScanTrainer(small, CPU), ScanTrainer(small, CPU)
     start = [weight.detach().clone() for weight in steady.model.parameters()]
     steady.round(0.1, 0.2)
     monkeypatch.setattr("saltus.heightmap.scan.training.train.loss", bursting)
@@ -79,7 +79,7 @@ def test_a_burst_moves_weights_by_no_more_than_usual(small, monkeypatch, size):
 
 def test_a_burst_in_one_layer_is_clipped_by_what_is_usual_of_that_layer(small):
     """Beside the head's gradient it would be small, and no limit of the whole would see it."""
-    limits = GradientLimits((trainer := Trainer(small, CPU)).model)
+    limits = GradientLimits((trainer := ScanTrainer(small, CPU)).model)
     inner = trainer.model.deep.weight
 
     def clipped(size):
@@ -117,7 +117,7 @@ def test_features_stay_within_their_bound_however_large_weights_are(small):
 
 
 def test_a_checkpoint_of_another_training_is_refused(small, tmp_path):
-    trainer = Trainer(small, CPU)
+    trainer = ScanTrainer(small, CPU)
     trainer.save(tmp_path / "scan.pt")
     with pytest.raises(ModelError, match="other settings"):
         train(replace(small, seed=1), tmp_path, updates=1, device=CPU)
@@ -162,10 +162,10 @@ def test_the_file_tells_what_the_network_tells(small, tmp_path, changes):
             weight += 0.05 * torch.randn(weight.shape)
     path = tmp_path / "scan.onnx"
     export(model, settings, path)
-    draws = Draws(1, CPU)
+    draws = SeededRandom(1, CPU)
     flight = draw_flight(2, small.flight, draws)
     state = new_map(2, small.map, flight.ground.height)
-    _, inputs, _, _ = example(flight, state, small, draws, Calls.of(model, compiled=False))
+    _, inputs, _, _ = example(flight, state, small, draws, UpdateCalls.of(model, compiled=False))
     session = onnxruntime.InferenceSession(str(path))
     fed = {i.name: np.asarray(v) for i in session.get_inputs() for v in [getattr(inputs, i.name)]}
     with torch.no_grad():
@@ -186,9 +186,9 @@ def test_a_larger_network_begins_as_the_one_it_starts_with(small, tmp_path):
     torch.manual_seed(9)
     model = ScanModel(replace(small.network, deep=0, choice=False), small.map).eval()
     begun = train(small, tmp_path, updates=0, device=CPU, start=model.state_dict())
-    draws = Draws(1, CPU)
+    draws = SeededRandom(1, CPU)
     flight = draw_flight(3, small.flight, draws)
-    calls = Calls.of(model, compiled=False)
+    calls = UpdateCalls.of(model, compiled=False)
     _, inputs, _, _ = example(
         flight, new_map(3, small.map, flight.ground.height), small, draws, calls
     )
@@ -211,9 +211,9 @@ def test_every_network_learns(small, tmp_path, changes):
 
 def test_a_new_network_tells_nearly_the_map(small):
     """It begins at geometry: where the map was measured, its residual is small."""
-    draws = Draws(2, CPU)
+    draws = SeededRandom(2, CPU)
     flight = draw_flight(3, small.flight, draws)
-    calls = Calls.of(ScanModel(small.network, small.map), compiled=False)
+    calls = UpdateCalls.of(ScanModel(small.network, small.map), compiled=False)
     _, inputs, _, _ = example(
         flight, new_map(3, small.map, flight.ground.height), small, draws, calls
     )
@@ -235,7 +235,7 @@ def test_half_widths_have_a_slope_at_their_limit(small):
         bias[width] = 100.0
     told = model(*inputs)
     level = torch.zeros_like(told[0])
-    loss(Heights(*told), level, level + 1.0).backward()
+    loss(MapHeights(*told), level, level + 1.0).backward()
     assert (told[1] == WIDEST).all()
     assert (bias.grad[width] > 0.0).all()
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from plane_world import BEGIN_NS, STEP_NS, PlaneWorld
 from samples import ROBOT
 
-from saltus.heightmap.scan.trail import GAP_NS, JUMP_M, REACH_NS, Trail
+from saltus.heightmap.scan.odometry_trail import GAP_NS, JUMP_M, REACH_NS, OdometryTrail
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 
 speeds = st.tuples(*[st.floats(-2.0, 2.0)] * 3)
@@ -21,7 +21,7 @@ WORLD = PlaneWorld()
 def test_at_a_constant_velocity_any_time_has_its_place(
     velocity: tuple[float, float, float], back: int, told: bool
 ) -> None:
-    world, trail = PlaneWorld(velocity=velocity), Trail()
+    world, trail = PlaneWorld(velocity=velocity), OdometryTrail()
     for step in range(100):
         at = (
             {"position_base_in_odometry": world.position(BEGIN_NS + step * STEP_NS)} if told else {}
@@ -36,7 +36,7 @@ def test_at_a_constant_velocity_any_time_has_its_place(
 @given(rate=st.floats(-3.0, 3.0), back=st.integers(0, 300_000_000))
 @settings(max_examples=20, deadline=None)
 def test_at_a_constant_rate_of_turn_any_time_has_its_attitude(rate: float, back: int) -> None:
-    trail = Trail()
+    trail = OdometryTrail()
 
     def turned(time_ns: int) -> np.ndarray:
         yaw = np.asarray(1e-9 * (time_ns - BEGIN_NS) * rate)
@@ -62,7 +62,7 @@ def test_at_a_constant_rate_of_turn_any_time_has_its_attitude(rate: float, back:
 def test_a_position_that_jumps_moves_nothing(jump: tuple[float, float, float]) -> None:
     world, ways = PlaneWorld(velocity=(0.4, -0.2, 0.0)), []
     for moved in (np.zeros(3), np.array(jump)):
-        trail = Trail()
+        trail = OdometryTrail()
         for step in range(40):
             at = world.position(BEGIN_NS + step * STEP_NS) + (moved if step >= 20 else 0.0)
             assert not trail.add(world.state(step, ROBOT, position_base_in_odometry=at))
@@ -71,7 +71,7 @@ def test_a_position_that_jumps_moves_nothing(jump: tuple[float, float, float]) -
 
 
 def test_positions_that_come_and_go_leave_no_step() -> None:
-    world, trail, before = PlaneWorld(velocity=(1.0, 0.0, 0.0)), Trail(), None
+    world, trail, before = PlaneWorld(velocity=(1.0, 0.0, 0.0)), OdometryTrail(), None
     for step in range(60):
         at = world.position(BEGIN_NS + step * STEP_NS) + 7.0
         known = {"position_base_in_odometry": at} if step // 10 % 2 else {}
@@ -82,7 +82,7 @@ def test_positions_that_come_and_go_leave_no_step() -> None:
 
 
 def test_what_is_too_far_from_all_states_has_no_place() -> None:
-    trail = Trail()
+    trail = OdometryTrail()
     assert trail.at(BEGIN_NS) is None
     for step in range(3):
         trail.add(WORLD.state(step, ROBOT))
@@ -92,6 +92,6 @@ def test_what_is_too_far_from_all_states_has_no_place() -> None:
 
 @pytest.mark.parametrize("time_ns", [GAP_NS + 1, -STEP_NS])
 def test_a_robot_that_was_silent_may_be_anywhere(time_ns: int) -> None:
-    trail = Trail()
+    trail = OdometryTrail()
     trail.add(WORLD.state(0, ROBOT))
     assert trail.add(WORLD.state(1, ROBOT, time_ns=BEGIN_NS + time_ns))

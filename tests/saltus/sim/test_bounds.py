@@ -5,18 +5,18 @@ from random_terrain import random_terrain
 from samples import ROBOT
 
 from saltus.config import TerrainConfig
-from saltus.sim import scene
+from saltus.sim import robot_model
 from saltus.sim.mujoco_batch import terrain_nodes, tree_bounds
 from saltus.terrain.curriculum import make_terrain
-from saltus.terrain.stack import TerrainStack
 from saltus.terrain.terrain import Terrain
+from saltus.terrain.terrain_stack import TerrainStack
 
 
 @pytest.mark.parametrize(
     "terrain", [make_terrain(TerrainConfig()), random_terrain(0), random_terrain(1)]
 )
 def test_the_tree_of_a_terrain_is_the_one_the_engine_makes_of_it(terrain: Terrain) -> None:
-    model: mujoco.MjModel = scene.build_spec(ROBOT, terrain).compile()
+    model: mujoco.MjModel = robot_model.build_spec(ROBOT, terrain).compile()
     bounds = tree_bounds(model, TerrainStack([terrain]).boxes(len(terrain.boxes)))[0]
     made = model.bvh_aabb[terrain_nodes(model)].reshape(-1, 6)
     low, high = (bounds[:, :3] + side * bounds[:, 3:] for side in (-1.0, 1.0))

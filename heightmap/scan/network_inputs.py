@@ -1,0 +1,104 @@
+"""Planes of the map that the network is shown, and the meaning of its answer:
+plain numbers in SI units.
+"""
+
+from typing import NamedTuple
+
+from saltus.arrays import Array, namespace
+from saltus.heightmap.scan.elevation import (
+    WIDEST,
+    ElevationMap,
+    MapContext,
+    MapUpdate,
+    is_known,
+)
+
+MEASURED = (
+    "known", "deviation", "age", "new", "new_count", "new_high", "new_low", "high", "low", "foot",
+    "foot_count",
+)  # fmt: skip
+"""Planes of `ScanInputs.measured`: whether a cell was ever measured (1 or 0), standard deviation
+[m], time since its last point [s], then heights above `ScanInputs.filled` [m] of this image's
+points (mean, count, highest, lowest), of the highest and lowest lately, and of standing feet (mean,
+count). What is not there is 0."""
+MEMORY = ("told", "told_width")
+"""Planes of `ScanInputs.memory`: what the network told of the cell last, above `ScanInputs.filled`,
+and its half-width [m]."""
+NUMBERS = (
+    "drift_x", "drift_y", "drift_z", "unrest_m", "unrest_rad", "images", "feet",
+    "odometry_error", "mount_error",
+)  # fmt: skip
+"""`ScanInputs.numbers`: how far this image and the feet moved the pose [m], how much images lately
+moved and tilted it [m, rad], how many images the map has, cells under standing feet, and the
+errors that odometry and mounts are known to have (`MapUpdate`)."""
+OLDEST_S, MOST_IMAGES = 3.0, 20.0
+"""An older cell, or a map of more images, looks like this."""
+REACH_M = 2.0
+"""No height is farther than this from the ground under the robot; what is, looks like this."""
+
+
+class ScanInputs(NamedTuple):
+    """Inputs of the network; heights of each cell."""
+
+    filled: Array
+    """The map, filled where it knows nothing, above the ground under the base [m], shape (batch,
+    side, side)."""
+    measured: Array
+    """Shape (batch, len(MEASURED), side, side)."""
+    memory: Array
+    """Shape (batch, 2, side, side)."""
+    numbers: Array
+    """Shape (batch, len(NUMBERS))."""
+
+
+class MapHeights(NamedTuple):
+    """Heights of each cell, in the odometry's world,
+    or of each point of a grid, relative to the base.
+    """
+
+    height: Array
+    """[m]."""
+    half_width: Array
+    """Half of the 90 % interval [m]."""
+
+
+def inputs_of(
+    state: ElevationMap, around: MapContext, now_s: Array, image: MapUpdate
+) -> ScanInputs:
+    """Inputs of the network after an image; `now_s` has shape (batch,)."""
+    xp = namespace(state.height)
+    level = (around.base[:, 2] - image.body_height)[:, None, None]
+    known, hit, foot = is_known(state), around.new.count > 0.0, around.feet.count > 0.0
+    age = (now_s[:, None, None] - state.seen_s).clip(0.0, OLDEST_S)
+
+    def above(height: Array, mask: Array) -> Array:
+        return xp.where(mask, height - around.filled, 0.0)
+
+    measured = [
+        xp.astype(known, age.dtype), xp.where(known, state.variance, 0.0) ** 0.5, age,
+        above(around.new.mean, hit), around.new.count, above(around.new.high, hit),
+        above(around.new.low, hit),
+        above(state.high, known), above(state.low, known), above(around.feet.mean, foot),
+        around.feet.count,
+    ]  # fmt: skip
+    told = xp.where(state.told_width < WIDEST, state.told - around.filled, 0.0)
+    images = state.images.clip(0.0, MOST_IMAGES)
+    feet = xp.sum(around.feet.count, axis=(1, 2))
+    return ScanInputs(
+        filled=(around.filled - level).clip(-REACH_M, REACH_M),
+        measured=xp.stack(measured, axis=1),
+        memory=xp.stack([told.clip(-REACH_M, REACH_M), state.told_width], axis=1),
+        numbers=xp.concat(
+            [
+                around.drift,
+                state.unrest,
+                xp.stack([images, feet, image.odometry_error, image.mount_error], axis=-1),
+            ],
+            axis=-1,
+        ),
+    )
+
+
+def remembered(state: ElevationMap, told: MapHeights) -> ElevationMap:
+    """The map with what the network told, which it is shown at the next image."""
+    return state._replace(told=told.height, told_width=told.half_width.clip(0.0, 0.99 * WIDEST))

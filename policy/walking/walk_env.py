@@ -1,0 +1,399 @@
+"""The environment of walking: thousands of robots in lockstep at 50 Hz.
+
+Each has the boxes of its ground that are nearest to it.
+
+A step is: take the action; ten times drives and physics; then judge, reset who is done, command,
+look.
+"""
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from saltus.arrays import ColumnNames
+from saltus.constants import PHYSICS_DT
+from saltus.effects.body import BodyModel
+from saltus.effects.profile import load_profile
+from saltus.grid import SCAN
+from saltus.joint_command import JointCommand
+from saltus.policy.env.curriculum import kinds_of_robots, moved_level
+from saltus.policy.env.jump_memory import store
+from saltus.policy.env.randomisation import BODY_DRAWS, SOFT_RUBBER, draw_bodies, training_drives
+from saltus.policy.env.training_env import TrainingEnv, Transition
+from saltus.policy.joints.observation import (
+    LIMIT,
+    ObservationMaker,
+    WalkerReadings,
+    gravity_in_base,
+    joint_targets,
+    standing_height,
+)
+from saltus.policy.walking import commands
+from saltus.policy.walking.commands import draw_command, followed, in_command_frame
+from saltus.policy.walking.course_field import CourseField, in_trench
+from saltus.policy.walking.description import POLICY_HZ, SIZE, description_of
+from saltus.policy.walking.scan_errors import ScanErrors
+from saltus.policy.walking.settings import WalkSettings
+from saltus.policy.walking.walk_memory import WalkMemory, blank_memory
+from saltus.policy.walking.walk_rewards import AIR_TIME_S, WalkRewardInputs, reward_terms, total
+from saltus.robots.robot import JOINTS
+from saltus.rotations import quaternion_from_roll_pitch_yaw, roll_pitch_yaw, rotation_matrix
+from saltus.sim.engine import Engine
+from saltus.sim.plant import CLEARANCE
+from saltus.terrain.boxes import Boxes
+from saltus.trial import UPRIGHT_LIMIT
+
+DT = 1.0 / POLICY_HZ
+SUBSTEPS = round(DT / PHYSICS_DT)
+TALLY = ("episodes", "failed", "steps", "speed_error", "turn_error", "way_m", "asked_m")
+"""Counts over the robots of each family since the last report."""
+_LEAST_WAY = 1.0  # m; a shorter commanded way moves no level
+_START = ColumnNames(joints=(12,), x=(), y=(), yaw=(), variant=(), level=(), age=())
+_PUSH = ColumnNames(when=(), ahead=(), aside=())
+_SENSORS = ColumnNames(angular_velocity=(3,), gravity=(3,), position=(12,), velocity=(12,))
+_DRAWS = ColumnNames(
+    start=(_START.count,),
+    body=(BODY_DRAWS.count,),
+    command=(commands.DRAWS.count,),
+    push=(_PUSH.count,),
+    sensors=(_SENSORS.count,),
+    shift=(),
+    error=(SCAN.size,),
+)
+PRIVILEGED = 3 + 1 + 1 + 1 + 3 + 4 + 4 + 1
+"""Length of what the critic sees besides the policy's vector without errors."""
+
+
+class WalkEnv(TrainingEnv):
+    """Robots that walk on the boxes of their ground, given heights on the scan."""
+
+    substeps = SUBSTEPS
+    memory: WalkMemory
+
+    def __init__(
+        self, engine: Engine, config: WalkSettings, *, seed: int, device: str = "cpu"
+    ) -> None:
+        super().__init__(engine, device, seed, len(JOINTS))
+        self.config = config
+        self._warmstart = torch.as_tensor(engine.warmstart)
+        description = description_of(config, self.robot)
+        pose = description.pose
+        self._pose = torch.tensor(pose, dtype=torch.float32, device=self.device)
+        self._height = standing_height(self.robot, pose)
+        kind = torch.tensor(kinds_of_robots(config.ground.shares, self.count), device=self.device)
+        wide = torch.tensor(
+            [name in config.ground.wide for name in config.ground.shares], device=self.device
+        )
+        self.memory = blank_memory(kind, wide[kind], config.ground.boxes)
+        self.ground = CourseField(config.ground, self.memory.time_s)
+        self._is_kind = torch.stack([kind == k for k in range(len(config.ground.shares))]).float()
+        self._scan_errors, self._observer = (
+            ScanErrors(config.scan),
+            ObservationMaker(description),
+        )
+        profile = load_profile(config.profile, self.robot)
+        self._body = profile.body_chain
+        self._equip(training_drives(self.robot, profile, config.randomisation, self.memory))
+        self._draws = torch.zeros(self.count, _DRAWS.count, device=self.device)
+        self.reward = torch.zeros(self.count, device=self.device)
+        self.done = torch.zeros(self.count, dtype=torch.bool, device=self.device)
+        self.timed_out = torch.zeros_like(self.done)
+        self.actor = torch.zeros(self.count, SIZE, device=self.device)
+        self.critic = torch.zeros(self.count, SIZE + PRIVILEGED, device=self.device)
+        self.tally = torch.zeros(len(self._is_kind), len(TALLY), device=self.device)
+        """Sums over the robots of each family; see `TALLY`."""
+        self.term_sums = torch.zeros_like(self.memory.terms[0])
+        """Sum over steps of the mean of each reward term."""
+        self._trunk = self._trunk_points()
+        self._sums = self.tally, self.term_sums
+        self._shown = Transition(
+            actor=self.actor, critic=self.critic,
+            reward=self.reward, done=self.done, timed_out=self.timed_out,
+        )  # fmt: skip
+        self._start(self._take, self._control, self._finish)
+
+    def motion(self) -> Tensor:
+        """Velocities of the bases as commands have them, shape (n, 3)."""
+        qpos, qvel = self._qpos.float(), self._qvel.float()
+        ahead = in_command_frame(qvel[:, :3], rotation_matrix(qpos[:, 3:7]))[:, :2]
+        return torch.cat([ahead, qvel[:, 5:6]], -1)
+
+    def grow(self, steps: float) -> None:
+        """Nothing: no range grows with the steps."""
+
+    @torch.no_grad()
+    def _take(self) -> None:
+        memory, most = self.memory, self.config.drives.most
+        store(memory, last_action=memory.action, tick=torch.zeros_like(memory.tick))
+        store(memory, action=torch.nan_to_num(self._output).clamp(-most, most))
+
+    @torch.no_grad()
+    def _control(self) -> None:
+        memory, drives = self.memory, self.config.drives
+        is_late = memory.tick * PHYSICS_DT < memory.plan_delay_s
+        obeyed = torch.where(is_late[:, None], memory.last_action, memory.action)
+        zero = torch.zeros_like(obeyed)
+        command = JointCommand(
+            position=joint_targets(self._pose, drives.scale, obeyed),
+            velocity=zero,
+            kp=zero + drives.kp,
+            kd=zero + drives.kd,
+            torque=zero,
+        )
+        torque = self._drive(command, self._qpos[:, 7:].float(), self._qvel[:, 6:].float())
+        store(memory, tick=memory.tick + 1.0, torque=torque.believed)
+
+    @torch.no_grad()
+    def _finish(self) -> None:
+        self._judge()
+        self._reset(self.done)
+        self._push()
+        self._look(self.done)
+
+    def _judge(self) -> None:
+        """Reward of the last step, and which episodes are over and why."""
+        memory, config = self.memory, self.config
+        qpos = torch.nan_to_num(self._qpos.float(), nan=1e3)
+        qvel = torch.nan_to_num(self._qvel.float()).clamp(-1e3, 1e3)
+        rotation, position = rotation_matrix(qpos[:, 3:7]), qpos[:, :3]
+        roll, pitch, _ = roll_pitch_yaw(rotation)
+        touching = torch.as_tensor(self._engine.touching())
+        trunk = position[:, None] + self._trunk @ rotation.mT
+        below = self._boxes().height_at(trunk[..., 0], trunk[..., 1])
+        finite = torch.isfinite(self._qpos.sum(-1) + self._qvel.sum(-1))
+        tilted = (roll.abs() > UPRIGHT_LIMIT) | (pitch.abs() > UPRIGHT_LIMIT)
+        failed = tilted | (trunk[..., 2] < below).any(-1) | touching[:, 12:].any(-1) | ~finite
+        memory.time_s.add_(DT)
+        finished = ~memory.wide & (position[:, 0] > self.ground.table.finish_x[memory.course])
+        over = memory.time_s > config.time_limit_s
+        over = over | finished | self.ground.left(memory.course, position[:, :2])
+        self.timed_out.copy_(over & ~failed)
+        self.done.copy_(over | failed)
+
+        landed = touching[:, :4] & (memory.air_s > 0.0)
+        foot, jacobian = self._legs.position_and_jacobian(qpos[:, 7:])
+        relative = (jacobian @ qvel[:, 6:].reshape(-1, 4, 3, 1))[..., 0]
+        relative = relative + torch.linalg.cross(qvel[:, None, 3:6].expand_as(foot), foot)
+        foot_velocity = qvel[:, None, :3] + relative @ rotation.mT
+        place = position[:, None] + foot @ rotation.mT
+        velocity = in_command_frame(qvel[:, :3], rotation)
+        terms = reward_terms(
+            config.reward,
+            WalkRewardInputs(
+                command=memory.command,
+                velocity=velocity,
+                angular_velocity=qvel[:, 3:6],
+                gravity=gravity_in_base(rotation),
+                torque=memory.torque,
+                joint_acceleration=(qvel[:, 6:] - memory.joint_velocity) / DT,
+                joint_offset=qpos[:, 7:] - self._pose,
+                action=memory.action,
+                last_action=memory.last_action,
+                landed_after_s=torch.where(landed, memory.air_s, AIR_TIME_S),
+                foot_touching=touching[:, :4],
+                foot_speed_squared=(foot_velocity[..., :2] ** 2).sum(-1),
+                leg_touching=touching[:, 4:12],
+                foot_missed=touching[:, :4] & in_trench(self._boxes(), place),
+                failed=failed,
+            ),
+        )
+        terms = torch.nan_to_num(terms).clamp(-10.0, 10.0)
+        self.reward.copy_(total(terms))
+        self.term_sums.add_(terms.mean(0))
+        store(
+            memory,
+            terms=terms,
+            joint_velocity=qvel[:, 6:],
+            foot_touching=touching[:, :4],
+            air_s=torch.where(touching[:, :4], 0.0, memory.air_s + DT),
+        )
+        self._count(velocity, qvel[:, 5], failed)
+
+    def _count(self, velocity: Tensor, turning: Tensor, failed: Tensor) -> None:
+        """Way along the command, tallies, and the levels of those whose episode is over."""
+        memory, config = self.memory, self.config.ground
+        asked = memory.command[:, :2].norm(dim=-1)
+        along = (velocity[:, :2] * memory.command[:, :2]).sum(-1) / asked.clamp(min=1e-3)
+        store(memory, way_m=memory.way_m + DT * along, asked_m=memory.asked_m + DT * asked)
+        error = (velocity[:, :2] - memory.command[:, :2]).norm(dim=-1)
+        one = torch.ones_like(asked)
+        rows = [
+            self.done.float(),
+            failed.float(),
+            one,
+            error,
+            (turning - memory.command[:, 2]).abs(),
+            DT * along,
+            DT * asked,
+        ]
+        self.tally.add_(self._is_kind @ torch.stack(rows, -1))
+        share = memory.way_m / memory.asked_m.clamp(min=1e-3)
+        counts = memory.asked_m > _LEAST_WAY
+        up = ~failed & counts & (share > config.promotion)
+        down = failed | (counts & (share < config.demotion))
+        draw = _START.of(_DRAWS.of(self._draws).start).level
+        level = moved_level(config.levels, memory.level, up, down, draw)
+        store(memory, self.done, level=level)
+
+    def _reset(self, mask: Tensor) -> None:
+        """Starts the next episode of the robots in `mask`; brings everyone the near ground."""
+        memory, drawn = self.memory, _DRAWS.of(self._draws)
+        start = _START.of(drawn.start)
+        course = self.ground.table.draw(memory.kind, memory.level, start.variant)
+        store(memory, mask, course=course, **draw_bodies(self.config.randomisation, drawn.body))
+        finish = self.ground.table.finish_x[memory.course]
+        x = torch.where(memory.wide, start.x * finish, 0.4 * start.x - 0.2)
+        y = torch.where(memory.wide, 1.0, 0.3) * (2.0 * start.y - 1.0)
+        begin = torch.stack([x, y], -1)
+        here = torch.where(mask[:, None], begin, torch.nan_to_num(self._qpos[:, :2].float()))
+        boxes = self.ground.near(memory.course, here)
+        store(memory, center=boxes.center, half_size=boxes.half_size, turn=boxes.angles)
+        self._engine.set_terrain(self._boxes())
+        self._engine.set_bodies(self._bodies())
+        self._place(mask, begin, start)
+        zero = torch.zeros_like(memory.time_s)
+        command, standing = draw_command(self.config.command, memory.wide, drawn.command)
+        redrawn = mask | (commands.DRAWS.of(drawn.command).when < DT / self.config.command.period_s)
+        store(memory, redrawn, drawn=command, standing=standing)
+        store(
+            memory,
+            mask,
+            time_s=zero,
+            first_time_s=zero,
+            tick=zero,
+            action=torch.zeros_like(memory.action),
+            last_action=torch.zeros_like(memory.action),
+            air_s=torch.zeros_like(memory.air_s),
+            joint_velocity=torch.zeros_like(memory.joint_velocity),
+            foot_touching=torch.zeros_like(memory.foot_touching),
+            way_m=zero,
+            asked_m=zero,
+            phase=start.age,
+            shift=2.0 * drawn.shift - 1.0,
+        )
+
+    def _place(self, mask: Tensor, begin: Tensor, drawn: Any) -> None:
+        """Puts robots in their standing pose, just above the highest ground under their feet."""
+        memory, ranges = self.memory, self.config.randomisation
+        joints = self._pose + ranges.start_joint_rad * (2.0 * drawn.joints - 1.0)
+        yaw = torch.where(memory.wide, torch.pi, ranges.start_yaw_rad) * (2.0 * drawn.yaw - 1.0)
+        zero = torch.zeros_like(yaw)
+        quaternion = quaternion_from_roll_pitch_yaw(zero, zero, yaw)
+        feet = self._legs.position(joints)
+        turned = feet @ rotation_matrix(quaternion).mT
+        sole = self.robot.foot_radius
+        ground = self._boxes().height_at(
+            torch.cat([begin[:, :1] + turned[..., 0] + side * sole for side in (-1.0, 1.0)], -1),
+            torch.cat([begin[:, 1:] + turned[..., 1]] * 2, -1),
+        )
+        z = ground.amax(-1) + CLEARANCE + sole - feet[..., 2].amin(-1)
+        fresh = torch.cat([begin, z[:, None], quaternion, joints], -1).to(self._qpos.dtype)
+        rows = mask[:, None]
+        self._qpos.copy_(torch.where(rows, fresh, self._qpos))
+        self._qvel.copy_(torch.where(rows, torch.zeros_like(self._qvel), self._qvel))
+        self._warmstart.copy_(torch.where(rows, torch.zeros_like(self._warmstart), self._warmstart))
+
+    def _bodies(self) -> BodyModel:
+        memory = self.memory
+        usual = {name: value for name, (value, _) in SOFT_RUBBER.items()}
+        claimed = BodyModel(
+            payload_kg=memory.payload_kg,
+            com_shift=memory.com_shift,
+            inertia_scale=1.0,
+            friction=memory.friction,
+            **usual,
+        )
+        return self._body.apply(claimed)
+
+    def _push(self) -> None:
+        """Changes the velocity of some robots at random times with the configured mean period."""
+        ranges, push = self.config.randomisation, _PUSH.of(_DRAWS.of(self._draws).push)
+        kick = ranges.push_mps * (2.0 * torch.stack([push.ahead, push.aside], -1) - 1.0)
+        pushed = (push.when < DT / ranges.push_period_s)[:, None]
+        self._qvel[:, :2] += (kick * pushed).to(self._qvel.dtype)
+
+    def _look(self, fresh: Tensor) -> None:
+        """Writes the command and what policy and critic see; `fresh` are robots that begin."""
+        memory, drawn = self.memory, _DRAWS.of(self._draws)
+        qpos, qvel = self._qpos.float(), self._qvel.float()
+        rotation, position = rotation_matrix(qpos[:, 3:7]), qpos[:, :3]
+        _, _, yaw = roll_pitch_yaw(rotation)
+        command = followed(
+            self.config.command, memory.drawn, memory.wide, memory.standing, position[:, 1], yaw
+        )
+        pose = torch.cat([position, yaw[:, None]], -1)
+        phase, arrived = self._scan_errors.arrives(memory.phase)
+        late = torch.where(fresh[:, None], pose, memory.pose)
+        store(memory, fresh | arrived, image_pose=late)
+        moved = fresh | self._scan_errors.moved(pose, memory.error_pose)
+        error = self._scan_errors.changed(memory.error, fresh, moved, drawn.error)
+        store(memory, moved, error_pose=pose)
+        store(memory, command=command, phase=phase, pose=pose, error=error)
+        told = self._scan_errors.observed(self._heights(memory.image_pose), error, memory.shift)
+        if self.config.blind:
+            told = torch.full_like(told, -self._height)
+        exact = self._observed(rotation, qpos, qvel, self._heights(pose), None)
+        actor = self._observed(rotation, qpos, qvel, told, _SENSORS.of(drawn.sensors))
+        self.actor.copy_(torch.nan_to_num(actor))
+        known = torch.cat(
+            [
+                in_command_frame(qvel[:, :3], rotation),
+                memory.friction[:, None],
+                memory.payload_kg[:, None],
+                memory.motor_strength[:, None],
+                1e1 * memory.com_shift,
+                memory.foot_touching.float(),
+                memory.air_s,
+                1e2 * memory.plan_delay_s[:, None],
+            ],
+            -1,
+        )
+        critic = torch.cat([exact, known], -1)
+        self.critic.copy_(torch.nan_to_num(critic).clamp(-LIMIT, LIMIT))
+
+    def _observed(
+        self, rotation: Tensor, qpos: Tensor, qvel: Tensor, heights: Tensor, noise: Any
+    ) -> Tensor:
+        """The policy's vector, with noise where uniform numbers are given."""
+        limits = self.config.sensors
+
+        def noisy(value: Tensor, limit: float, draws: Tensor | None) -> Tensor:
+            return value if draws is None else value + limit * (2.0 * draws - 1.0)
+
+        def of(name: str) -> Tensor | None:
+            return None if noise is None else getattr(noise, name)
+
+        given = WalkerReadings(
+            angular_velocity=noisy(qvel[:, 3:6], limits.angular_velocity, of("angular_velocity")),
+            gravity=noisy(gravity_in_base(rotation), limits.gravity, of("gravity")),
+            command=self.memory.command,
+            joint_position=noisy(qpos[:, 7:], limits.joint_position, of("position")),
+            joint_velocity=noisy(qvel[:, 6:], limits.joint_velocity, of("velocity")),
+            action=self.memory.action,
+            heights=heights,
+        )
+        return self._observer.vector(given)
+
+    def _heights(self, pose: Tensor) -> Tensor:
+        """Ground at the scan's points above a base at x, y, z, yaw [m], shape (n, 187)."""
+        places = SCAN.points_in_world(pose[:, :2], pose[:, 3])
+        return self._boxes().height_at(*places) - pose[:, 2:3]
+
+    def _boxes(self) -> Boxes:
+        memory = self.memory
+        return Boxes(center=memory.center, half_size=memory.half_size, turn=memory.turn)
+
+    @property
+    def _time_limit_s(self) -> float:
+        return self.config.time_limit_s
+
+    def _trunk_points(self) -> Tensor:
+        """Corners and middles of the trunk's lower face, base frame [m], shape (6, 3)."""
+        center, half = self.robot.trunk_center, 0.5 * self.robot.trunk_size
+        places = [
+            (center[0] + ahead * half[0], center[1] + aside * half[1], center[2] - half[2])
+            for ahead in (-1.0, 0.0, 1.0)
+            for aside in (-1.0, 1.0)
+        ]
+        return torch.tensor(places, dtype=torch.float32, device=self.device)
