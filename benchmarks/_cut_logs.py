@@ -20,7 +20,7 @@ from saltus.effects.joint_loads import CoulombFriction
 from saltus.effects.motors import ActuatorLag
 from saltus.effects.profile import IDEAL, Profile
 from saltus.real2sim.experiments.menu import experiment_named
-from saltus.real2sim.experiments.run import run
+from saltus.real2sim.experiments.run import run_experiment
 from saltus.recordings.run_log import RunLog, write_run_log
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
@@ -31,7 +31,9 @@ JUMP_SEED = 1
 
 def _performed(experiment: str, profile: Profile, folder: Path) -> None:
     robot = load_robot(DEFAULT_ROBOT)
-    write_run_log(run(experiment_named(experiment), robot, profile, seed=1), folder, robot)
+    write_run_log(
+        run_experiment(experiment_named(experiment), robot, profile, seed=1), folder, robot
+    )
 
 
 def _jumped(terrain: str, profile: Profile, folder: Path) -> None:

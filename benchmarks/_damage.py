@@ -15,21 +15,21 @@ import numpy as np
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
-from saltus.config import RunConfig, TerrainConfig, load
+from saltus.config import RunConfig, TerrainConfig, load_config
 from saltus.depth_camera import load_camera
 from saltus.effects.profile import load_profile
 from saltus.errors import RecordingError
 from saltus.grid import LINE
 from saltus.heightmap.data.episode import Episode
-from saltus.heightmap.data.inventory import validate
+from saltus.heightmap.data.inventory import validate_dataset
 from saltus.heightmap.data.shards import MANIFEST, read_dataset, write_shard
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 from saltus.heightmap.settings import PredictorTraining
-from saltus.heightmap.training.train import HELD_OUT, settings_of, train
+from saltus.heightmap.training.train import HELD_OUT, checkpoint_settings, train_heightmap
 from saltus.model_file import checksum_path
 from saltus.policy.planner import make_planner
-from saltus.policy.training.checkpoint import config_of, read_checkpoint
+from saltus.policy.training.checkpoint import read_policy_checkpoint, training_config
 from saltus.recordings.realsense import read_realsense
 from saltus.recordings.recorder import RECORDING_FILE
 from saltus.recordings.recording import read_recording
@@ -37,8 +37,8 @@ from saltus.recordings.recording_description import BagTopics
 from saltus.recordings.rosbag import read_rosbag
 from saltus.recordings.run_log import read_run_log
 from saltus.recordings.run_log_export import export_run_log
-from saltus.recordings.summary import summarise
-from saltus.resources import resource
+from saltus.recordings.summary import summarise_run
+from saltus.resources import shipped_file
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import DEFAULT_ROBOT, shipped_profiles
@@ -109,12 +109,12 @@ def make_samples(folder: Path, robot: Robot) -> None:
     make_realsense(folder / "depth.bag")
     for place, name in MODELS.items():
         model = folder / f"{place}.onnx"
-        shutil.copy(resource(f"models/{name}.onnx"), model)
+        shutil.copy(shipped_file(f"models/{name}.onnx"), model)
         if place == name:
-            shutil.copy(checksum_path(resource(f"models/{name}.onnx")), checksum_path(model))
-    shutil.copy(resource("models/checkpoints/policy.pt"), folder)
+            shutil.copy(checksum_path(shipped_file(f"models/{name}.onnx")), checksum_path(model))
+    shutil.copy(shipped_file("models/checkpoints/policy.pt"), folder)
     make_dataset(folder / "trained on", HELD_OUT)
-    train(
+    train_heightmap(
         folder / "trained on",
         folder / "heightmap.pt",
         PredictorTraining(updates=1, batch=2, window=50, device="cpu"),
@@ -161,16 +161,19 @@ def samples(folder: Path, robot: Robot) -> dict[str, SoundFile]:
             )
             for place, name in MODELS.items()
         },
-        "checkpoint heightmap": (folder / "heightmap.pt", settings_of),
-        "checkpoint policy": (folder / "policy.pt", lambda path: config_of(read_checkpoint(path))),
+        "checkpoint heightmap": (folder / "heightmap.pt", checkpoint_settings),
+        "checkpoint policy": (
+            folder / "policy.pt",
+            lambda path: training_config(read_policy_checkpoint(path)),
+        ),
         "toml profile": (folder / "profile.toml", lambda path: load_profile(str(path), robot)),
         "toml camera": (folder / "camera.toml", lambda path: load_camera(str(path))),
         "toml terrain": (
             folder / "terrain.toml",
             lambda path: make_terrain(TerrainConfig(terrain=str(path))),
         ),
-        "toml setup": (run / SETUP_FILE, lambda path: load(Setup, path)),
-        "toml run": (run / RUN_FILE, lambda path: load(RunConfig, path)),
+        "toml setup": (run / SETUP_FILE, lambda path: load_config(Setup, path)),
+        "toml run": (run / RUN_FILE, lambda path: load_config(RunConfig, path)),
     }
     return {kind: SoundFile(path=path, read=read) for kind, (path, read) in found.items()}
 
@@ -183,7 +186,7 @@ def report(path: Path) -> None:
     for topic in recording.topics():
         for _ in recording.messages(topic):
             pass
-    summarise(recording)
+    summarise_run(recording)
 
 
 def read_shard(path: Path) -> None:
@@ -193,7 +196,7 @@ def read_shard(path: Path) -> None:
     table = json.loads((path.parent / MANIFEST).read_text(encoding="utf-8"))
     table["shards"][0]["sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
     (path.parent / MANIFEST).write_text(json.dumps(table), encoding="utf-8")
-    validate(path.parent)
+    validate_dataset(path.parent)
     read_dataset(path.parent)
 
 

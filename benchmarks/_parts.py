@@ -34,7 +34,7 @@ PARTS = {
     "network": ("saltus.heightmap.service.network:HeightmapNetwork.tick",),
     "service": ("saltus.heightmap.service.fleet:FleetService.step",),
     "planner": ("saltus.policy.process:PlannerProcess.step",),
-    "codec": ("saltus.wire.codec:encode", "saltus.wire.codec:decode"),
+    "codec": ("saltus.wire.codec:encode_message", "saltus.wire.codec:decode_message"),
     "recorder": (
         "saltus.recordings.recorder:Recorder.write",
         "saltus.recordings.recorder:Recorder.flush",

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from saltus.terrain.boxes import Box
-from saltus.terrain.terrain import Terrain, across
+from saltus.terrain.terrain import Terrain, boxes_across
 
 ENDS_M = (-2.0, 8.0)
 FINISH_X = 6.0
@@ -77,7 +77,7 @@ SCENES: dict[str, Callable[[np.random.Generator], Iterable[Box]]] = {
 
 def scene(name: str, rng: np.random.Generator) -> Terrain:
     """One of `SCENES`, drawn."""
-    ground = across(ENDS_M, (0.0,))
+    ground = boxes_across(ENDS_M, (0.0,))
     return Terrain(kind=name, boxes=(*ground, *SCENES[name](rng)), finish_x=FINISH_X)
 
 

@@ -18,7 +18,7 @@ from benchmarks._command import Command, progress, tell
 from saltus.config import RunConfig, TerrainConfig
 from saltus.effects.camera import CameraHeight, CameraPitch
 from saltus.effects.profile import SHIPPED, load_profile
-from saltus.render.calibrate import calibrate
+from saltus.render.calibrate import calibrate_camera
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.runtime.stack import Stack
@@ -73,7 +73,7 @@ class Benchmark(Command):
             )  # fmt: skip
             with Stack(config, folder / "run") as stack:
                 stack.wait()
-            found = calibrate(folder / "run" / "recording.mcap")
+            found = calibrate_camera(folder / "run" / "recording.mcap")
         off_pitch = found.found.pitch - (robot.camera_pitch + pitch)
         off_height = found.found.height - (robot.camera_position[2] + height)
         tell(

@@ -23,7 +23,7 @@ from saltus.heightmap.data.closed_loop import closed_loop_episodes
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import write_shard
 from saltus.heightmap.settings import ClosedLoop
-from saltus.resources import resource as shipped
+from saltus.resources import shipped_file as shipped
 from saltus.workers import in_order
 
 

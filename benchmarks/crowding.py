@@ -40,7 +40,7 @@ from saltus.errors import StackError
 from saltus.recordings.recording import Recording, read_recording
 from saltus.runtime.run_folder import CLIENT_FILE
 from saltus.runtime.stack import Stack
-from saltus.wire.certificates import create, network_of
+from saltus.wire.certificates import create_authority, network_of
 from saltus.wire.messages import RobotState
 
 BEFORE_S, DURING_S, AFTER_S = 0.5, 2.0, 2.0
@@ -91,7 +91,7 @@ class Benchmark(Command):
         config = replace(ON_FLAT_GROUND, speed=self.speed, seed=number)
         with tempfile.TemporaryDirectory() as folder:
             host, port = address = free_address()
-            create(Path(folder) / "keys", f"{host}:{port}", days=1)
+            create_authority(Path(folder) / "keys", f"{host}:{port}", days=1)
             network = network_of(Path(folder) / "keys", f"{host}:{port}", config.prefix)
             with Stack(config, Path(folder), network=network) as stack:
                 states = stack.latest("controller/state")

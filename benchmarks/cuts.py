@@ -23,7 +23,7 @@ from benchmarks._cut_logs import LOGS, length_s, made
 from benchmarks.moving_logs import searched
 from saltus.errors import ConfigError, nearest_hint
 from saltus.files import write_whole
-from saltus.real2sim.screening.screen import until
+from saltus.real2sim.screening.screen import log_until
 from saltus.recordings.run_log import read_run_log, write_run_log
 
 SHORTEST_S = 0.2
@@ -102,7 +102,7 @@ def answer(case: Case, out: Path, file: Path) -> dict[str, Any]:
         seconds = SHORTEST_S + case.share * (seconds - SHORTEST_S)
         folder = out / "cut" / file.stem
         if not (folder / "meta.json").exists():
-            write_run_log(until(log, float(log.joints.time_s[0]) + seconds), folder)
+            write_run_log(log_until(log, float(log.joints.time_s[0]) + seconds), folder)
     row = {"log": case.log, "cut": case.cut, "seconds_of_log": round(seconds, 3)}
     row |= searched(folder, out / "found" / file.stem)
     row["is_tested"] = (

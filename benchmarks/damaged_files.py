@@ -30,8 +30,8 @@ from benchmarks._damage import SoundFile, damage, make_samples, samples, shipped
 from benchmarks._measuring import resident_mb
 from saltus.errors import ConfigError, MessageError, SaltusError
 from saltus.recordings.recording import read_recording
-from saltus.wire.bus import RawSample, topic_of, unpack
-from saltus.wire.codec import Envelope, encode
+from saltus.wire.bus import RawSample, topic_of, unpack_sample
+from saltus.wire.codec import Envelope, encode_message
 from saltus.wire.messages import CommandMode, DriveCommand, JointPlan, Message, PlanStatus
 from saltus.wire.topics import TOPICS
 
@@ -132,7 +132,9 @@ class Benchmark(Command):
             if name not in good:
                 message = UNHEARD.get(name) or next(iter(whole.of(TOPICS[name].message)))
                 envelope = Envelope(sequence=1, capture_ns=message.time_ns, boot_id=bytes(16))
-                good[name] = [RawSample(_key(name), encode(message), envelope.to_bytes(), 0)]
+                good[name] = [
+                    RawSample(_key(name), encode_message(message), envelope.to_bytes(), 0)
+                ]
         return {name: self._mutate(name, raws) for name, raws in good.items()}
 
     def _mutate(self, name: str, raws: list[RawSample]) -> dict[str, Any]:
@@ -147,7 +149,7 @@ class Benchmark(Command):
             else:
                 raw = replace(raw, attachment=damage(raw.attachment, rng))
             try:
-                unpack(topic, raw)
+                unpack_sample(topic, raw)
                 counts["read"] += 1
             except MessageError:
                 counts["refused"] += 1

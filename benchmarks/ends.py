@@ -39,13 +39,13 @@ from benchmarks._kills import witness
 from benchmarks._measuring import SIGNALS, hear_signals
 from saltus.config import RunConfig, TerrainConfig
 from saltus.errors import SaltusError
-from saltus.heightmap.data.inventory import validate
+from saltus.heightmap.data.inventory import validate_dataset
 from saltus.heightmap.data.shards import MANIFEST
 from saltus.named_setup import named_setup
-from saltus.policy.training.checkpoint import read_checkpoint
+from saltus.policy.training.checkpoint import read_policy_checkpoint
 from saltus.recordings.recorder import FLUSH_S, RECORDING_FILE, SYNC_S
 from saltus.recordings.recording import read_recording
-from saltus.recordings.repair import repair
+from saltus.recordings.repair import repair_recording
 from saltus.runtime.programs import PROGRAMS
 from saltus.runtime.run_folder import write_run
 from saltus.runtime.stack import Stack
@@ -152,7 +152,7 @@ class Benchmark(Command):
             kept, wrong = [], 0
             for byte in progress(rng.integers(100, len(data), self.times).tolist(), "cut"):
                 cut.write_bytes(data[:byte])
-                repair(cut, out)
+                repair_recording(cut, out)
                 found = in_order(out)
                 expected = max((count for end, count in ends if end <= byte), default=0)
                 wrong += found != full[: len(found)] or len(found) < expected
@@ -333,7 +333,7 @@ def leftovers(out: Path) -> Iterator[str]:
     """Faults of the files that a command has left: not whole, or not finished."""
     checks: dict[str, Callable[[Path], object]] = {
         "*.mcap": in_order,
-        "checkpoint.pt": read_checkpoint,
+        "checkpoint.pt": read_policy_checkpoint,
         "*.json": lambda path: json.loads(path.read_text(encoding="utf-8")),
     }
     for pattern, check in checks.items():
@@ -347,7 +347,7 @@ def leftovers(out: Path) -> Iterator[str]:
             yield f"{path.name} is left"
     for manifest in out.rglob(MANIFEST):
         try:
-            yield from validate(manifest.parent)
+            yield from validate_dataset(manifest.parent)
         except SaltusError as error:
             yield str(error)
 

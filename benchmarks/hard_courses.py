@@ -28,7 +28,7 @@ from saltus.effects.effect import Effect
 from saltus.effects.joint_loads import CoulombFriction, ViscousFriction
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import ConfigError, nearest_hint
-from saltus.flags import shown
+from saltus.flags import flag_help
 from saltus.folders import ask_for_room
 from saltus.grid import LINE
 from saltus.loop.heights import HeightsFactory
@@ -102,7 +102,7 @@ POLICY, HEIGHTMAP = model_path("policy"), model_path("heightmap")
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    models: Annotated[tuple[Path, ...], shown("PATH ...", "the shipped policy")] = (POLICY,)
+    models: Annotated[tuple[Path, ...], flag_help("PATH ...", "the shipped policy")] = (POLICY,)
     """ONNX files of policies, side by side in the table."""
     rows: tuple[str, ...] = tuple(ROWS)
     """Which rows, by their names."""
@@ -113,13 +113,13 @@ class Benchmark(Command):
     heightmap: Literal["true", "true-exact", "predicted"] = "true"
     """Heights that policies see, as in `saltus policy eval`; predicted: by the heightmap
     service."""
-    heightmap_model: Annotated[Path, shown("PATH", "the shipped model")] = HEIGHTMAP
+    heightmap_model: Annotated[Path, flag_help("PATH", "the shipped model")] = HEIGHTMAP
     """ONNX file of the heightmap service."""
     camera: str = "d435i"
     """Camera of the heightmap service: a name or a TOML file."""
-    processes: Annotated[int | None, shown("INT", "one for each core")] = None
+    processes: Annotated[int | None, flag_help("INT", "one for each core")] = None
     """How many share the trials."""
-    out: Annotated[Path | None, shown("FILE", "none")] = None
+    out: Annotated[Path | None, flag_help("FILE", "none")] = None
     """File that keeps the trials, one a line; those that it holds are not run again."""
 
     def __post_init__(self) -> None:

@@ -26,7 +26,7 @@ from benchmarks.hard_courses import PAPER_COURSES
 from saltus.arrays import Floats
 from saltus.depth_camera import load_camera
 from saltus.errors import ConfigError
-from saltus.flags import shown
+from saltus.flags import flag_help
 from saltus.folders import ask_for_room
 from saltus.grid import DEFAULT_GRID
 from saltus.heightmap.evaluation.held_out import HARD, NETWORK, HeldOutRun, HeldOutRuns
@@ -77,14 +77,14 @@ class SceneRuns(HeldOutRuns):
 
 @dataclass(frozen=True, kw_only=True)
 class Benchmark(Command):
-    heightmap_model: Annotated[Path, shown("PATH", "the shipped model")] = HEIGHTMAP
+    heightmap_model: Annotated[Path, flag_help("PATH", "the shipped model")] = HEIGHTMAP
     """ONNX file of the predictor."""
-    policy_model: Annotated[Path, shown("PATH", "the shipped policy")] = POLICY
+    policy_model: Annotated[Path, flag_help("PATH", "the shipped policy")] = POLICY
     """ONNX file of the policy that drives every other batch.
 
     The scripted planner drives the rest.
     """
-    other_policy: Annotated[Path | None, shown("PATH", "none")] = None
+    other_policy: Annotated[Path | None, flag_help("PATH", "none")] = None
     """ONNX file of a policy that the predictor has not met; it drives all batches of its set."""
     sets: tuple[SetName, ...] = ("courses", "other policy", "readme", "scenes", "desk")
     """Which runs."""
@@ -92,11 +92,11 @@ class Benchmark(Command):
     """In each set."""
     seed: int = 0
     """Seed of courses, trials and cameras."""
-    bag: Annotated[Path | None, shown("FILE", "none")] = None
+    bag: Annotated[Path | None, flag_help("FILE", "none")] = None
     """Recording of a RealSense camera that stands before a desk."""
-    processes: Annotated[int | None, shown("INT", "one for each core")] = None
+    processes: Annotated[int | None, flag_help("INT", "one for each core")] = None
     """How many share the runs."""
-    out: Annotated[Path | None, shown("FILE", "none")] = None
+    out: Annotated[Path | None, flag_help("FILE", "none")] = None
     """File that keeps the batches, one a line; those that it holds are not run again."""
 
     def __post_init__(self) -> None:

@@ -31,7 +31,7 @@ from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 from saltus.heightmap.service.service import HeightmapService
 from saltus.model_file import ModelFile
-from saltus.resources import resource
+from saltus.resources import shipped_file
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.wire.messages import DepthFrame, RobotState
@@ -51,7 +51,7 @@ class Benchmark(Command):
 
     def measure(self) -> dict[str, Any]:
         rng, load = np.random.default_rng(0), os.getloadavg()[0]
-        path = resource("models/heightmap.onnx")
+        path = shipped_file("models/heightmap.onnx")
         network = HeightmapNetwork(load_robot(DEFAULT_ROBOT), path)
         small = frames(self.ticks, MODEL_CAMERA, rng)
         large = frames(

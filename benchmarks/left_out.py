@@ -23,7 +23,7 @@ import tyro
 from benchmarks._command import Command, progress, tell
 from saltus.arrays import Floats
 from saltus.errors import SaltusError
-from saltus.real2sim.pipeline import examine, judge
+from saltus.real2sim.pipeline import examine_logs, judge_logs
 from saltus.real2sim.problem.log import load_rigs
 from saltus.real2sim.problem.problem import Problem, WrappedProblem
 from saltus.real2sim.results import LogExamination
@@ -90,10 +90,10 @@ def _counts(truth: Any) -> bool:
 
 
 def _searched(log: Path, effect: str) -> dict[str, Any]:
-    (examined,) = examine(
+    (examined,) = examine_logs(
         load_rigs([log]), sensors=[_without(sensor, effect) for sensor in SENSORS]
     )
-    verdict = judge((examined,), ()).verdict
+    verdict = judge_logs((examined,), ()).verdict
     outcome: str = verdict.verdict
     if outcome in ("named", "set"):
         outcome = "false, with remainder" if _remains(examined) else "false and confident"

@@ -22,8 +22,8 @@ import zenoh
 
 from benchmarks._command import Command, progress
 from benchmarks.transport import PREFIX, SPAWN, latencies_ms
-from saltus.resources import resource
-from saltus.wire.certificates import create, issue, network_of
+from saltus.resources import shipped_file
+from saltus.wire.certificates import create_authority, issue_certificate, network_of
 from saltus.wire.joining import write_client
 from saltus.wire.router import open_router
 
@@ -72,8 +72,8 @@ def router(kind: str) -> Iterator[dict[str, Path]]:
         roles = [role for pair in TOPICS.values() for role in pair]
         places = {role: folder / f"{role}.json5" for role in roles}
         if kind == "TLS":
-            create(folder / "keys", address, days=1)
-            places = {role: issue(folder / "keys", role, days=1) for role in roles}
+            create_authority(folder / "keys", address, days=1)
+            places = {role: issue_certificate(folder / "keys", role, days=1) for role in roles}
         ready, over = SPAWN.Event(), SPAWN.Event()
         host = SPAWN.Process(target=serve, args=(kind, folder, address, ready, over))
         host.start()
@@ -91,7 +91,7 @@ def router(kind: str) -> Iterator[dict[str, Path]]:
 def serve(kind: str, folder: Path, address: str, ready: Any, over: Any) -> None:
     """The process of a router."""
     if kind == "TCP":
-        settings = zenoh.Config.from_file(str(resource("zenoh_cfg/router.json5")))
+        settings = zenoh.Config.from_file(str(shipped_file("zenoh_cfg/router.json5")))
         settings.insert_json5("listen/endpoints", json.dumps([f"tcp/{address}"]))
         settings.insert_json5("transport/link/protocols", '["tcp"]')
         hosted: Any = zenoh.open(settings)

@@ -1,4 +1,4 @@
-"""Verdicts of `find` on logs of robots that jump, walk and turn,
+"""Verdicts of `find_in_logs` on logs of robots that jump, walk and turn,
 all without effects, and how soon they come.
 
 Jumps are runs of the whole stack over the terrains; walking and turning are trots of commanded
@@ -23,10 +23,10 @@ from saltus.config import RunConfig, TerrainConfig
 from saltus.constants import PHYSICS_DT
 from saltus.effects.profile import IDEAL
 from saltus.real2sim.experiments.menu import Experiment
-from saltus.real2sim.experiments.motions import ExperimentCommands, repeated
-from saltus.real2sim.experiments.run import run
+from saltus.real2sim.experiments.motions import ExperimentCommands, repeat_motion
+from saltus.real2sim.experiments.run import run_experiment
 from saltus.real2sim.experiments.safety import ExperimentLimits
-from saltus.real2sim.pipeline import find
+from saltus.real2sim.pipeline import find_in_logs
 from saltus.recordings.run_log import write_run_log
 from saltus.recordings.run_log_export import export_run_log
 from saltus.robots.legs import LegKinematics
@@ -86,13 +86,13 @@ def jumped(terrain: str, seed: int, folder: Path, profile: str = "ideal") -> Non
 
 def made(path: Experiment, folder: Path) -> None:
     """Writes the log of a robot that follows a path."""
-    write_run_log(run(path, load_robot(DEFAULT_ROBOT), IDEAL), folder)
+    write_run_log(run_experiment(path, load_robot(DEFAULT_ROBOT), IDEAL), folder)
 
 
 def searched(log: Path, out: Path) -> dict[str, Any]:
-    """Verdict of `find` on a log, and how long it takes."""
+    """Verdict of `find_in_logs` on a log, and how long it takes."""
     start_s, work_s = time.perf_counter(), time.process_time()
-    judgement = find([log], out, report=False)
+    judgement = find_in_logs([log], out, report=False)
     verdict = judgement.verdict
     return {
         "verdict": verdict.verdict,
@@ -138,7 +138,7 @@ def _path(name: str, **how: float) -> Experiment:
         how=f"a trot: {how}",
         shows=(),
         base="free",
-        sections=lambda robot: repeated(name, 2, trot(robot, 6.0, **how)),
+        sections=lambda robot: repeat_motion(name, 2, trot(robot, 6.0, **how)),
         limits=ExperimentLimits(),
     )
 

@@ -30,9 +30,9 @@ from benchmarks._command import Command, progress, tell
 from saltus.arrays import Floats, Indices
 from saltus.config import TerrainConfig
 from saltus.errors import SaltusError
-from saltus.policy.evaluation.evaluate import EvaluationSettings, evaluate, merged
+from saltus.policy.evaluation.evaluate import EvaluationSettings, evaluate_policy, merge_batches
 from saltus.robots.legs import LegKinematics
-from saltus.robots.mjcf import derive
+from saltus.robots.mjcf import derive_robot
 from saltus.robots.robot import LEGS, Robot
 from saltus.robots.shipped import SUPPLEMENT_FILE
 from saltus.robots.structure import read_structure
@@ -107,7 +107,7 @@ class Benchmark(Command):
             evaluation = EvaluationSettings(
                 robot=str(robot), grid="line", course=flat, trials=self.trials, seed=self.seed
             )
-            result = merged(evaluate(evaluation))
+            result = merge_batches(evaluate_policy(evaluation))
         return {
             "bounds": f"{result.successes} of {self.trials}",
             "mean_speed_mps": result.mean_speed_mps,
@@ -162,7 +162,7 @@ def fetch(folder: Path) -> Path:
 
 def compare(path: Path, poses: int) -> Deviations:
     """Compares a derived robot with its model."""
-    robot, structure = derive(path).robot, read_structure(str(path))
+    robot, structure = derive_robot(path).robot, read_structure(str(path))
     joints = [joint for leg in structure.legs for joint in leg.joint]
     own, plain = structure.model, mujoco.MjModel.from_xml_string(robot.mjcf)
     order = Order(

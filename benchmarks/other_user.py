@@ -27,7 +27,7 @@ from benchmarks._command import Command
 from benchmarks._kills import ON_FLAT_GROUND
 from saltus.errors import SaltusError
 from saltus.plan import REST, plan_message
-from saltus.resources import resource
+from saltus.resources import shipped_file
 from saltus.runtime.run_folder import CLIENT_FILE
 from saltus.runtime.stack import Stack
 from saltus.wire import codec
@@ -84,7 +84,7 @@ def attack(folder: Path, prefix: str) -> bool:
     Returns whether anything was heard in any.
     """
     heard: list[str] = []
-    plan = codec.encode(plan_message(REST, PlanStatus.GO))
+    plan = codec.encode_message(plan_message(REST, PlanStatus.GO))
     for session in sessions(folder):
         subscriber = session.declare_subscriber(
             "**", lambda sample: heard.append(str(sample.key_expr))
@@ -120,7 +120,7 @@ def sessions(folder: Path) -> Iterator[Any]:
         f"{LOCAL}{path}" for path in (line.split()[-1] for line in unix) if "/saltus-" in path
     }
     for endpoint in sorted(endpoints):
-        settings.append(zenoh.Config.from_file(str(resource("zenoh_cfg/client.json5"))))
+        settings.append(zenoh.Config.from_file(str(shipped_file("zenoh_cfg/client.json5"))))
         settings[-1].insert_json5("connect/endpoints", json.dumps([endpoint]))
         settings[-1].insert_json5("connect/timeout_ms", str(CONNECT_MS))
     for each in settings:

@@ -22,8 +22,8 @@ from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.motors import TorqueSaturation
 from saltus.effects.profile import IDEAL, SHIPPED, Profile, load_profile
 from saltus.real2sim.experiments.menu import experiment_named
-from saltus.real2sim.experiments.run import run
-from saltus.real2sim.pipeline import find
+from saltus.real2sim.experiments.run import run_experiment
+from saltus.real2sim.pipeline import find_in_logs
 from saltus.real2sim.results import Judgement
 from saltus.recordings.run_log import write_run_log
 from saltus.robots.loading import load_robot
@@ -71,7 +71,7 @@ def saturation(folder: Path, seed: int) -> dict[str, Any]:
         if "FR_calf" in effect.where and effect.curve
     ]
     worst = _apart(curves[0]) if len(curves) == 1 else float("nan")
-    again = find(
+    again = find_in_logs(
         [folder / "log"],
         folder,
         profile=first.patch.applied_to(IDEAL, ROBOT),
@@ -120,8 +120,10 @@ def latency_in_a_sine(folder: Path, seed: int) -> dict[str, Any]:
 
 
 def _search(experiment: str, hidden: Profile, seed: int, folder: Path) -> Judgement:
-    write_run_log(run(experiment_named(experiment), ROBOT, hidden, seed=seed), folder / "log")
-    return find([folder / "log"], folder, seed=seed, report=False)
+    write_run_log(
+        run_experiment(experiment_named(experiment), ROBOT, hidden, seed=seed), folder / "log"
+    )
+    return find_in_logs([folder / "log"], folder, seed=seed, report=False)
 
 
 def _apart(curve: tuple[tuple[float, float], ...]) -> float:

@@ -17,7 +17,12 @@ from benchmarks._measuring import Stopwatch
 from saltus.config import TerrainConfig
 from saltus.grid import LINE
 from saltus.loop.planner import Observation, observe
-from saltus.policy.evaluation.evaluate import HEIGHTS, EvaluationSettings, evaluate, merged
+from saltus.policy.evaluation.evaluate import (
+    HEIGHTS,
+    EvaluationSettings,
+    evaluate_policy,
+    merge_batches,
+)
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
@@ -56,7 +61,7 @@ class Benchmark(Command):
         evaluation = EvaluationSettings(
             robot="go1", grid="line", course=course, trials=self.trials, seed=self.seed
         )
-        result = merged(evaluate(evaluation, HEIGHTS[heights]))
+        result = merge_batches(evaluate_policy(evaluation, HEIGHTS[heights]))
         return {
             "success": result.successes,
             "trials": self.trials,

@@ -23,7 +23,7 @@ from saltus.controller.braking import BrakingState
 from saltus.controller.leg_controller import LegController
 from saltus.controller.stance import FRICTION, ExactSolver, StanceLegs, StanceQP
 from saltus.controller.tick import CompiledTickLaw, TickLaw
-from saltus.controller.yaw_frame import CentroidalReference, observe, reference_of
+from saltus.controller.yaw_frame import CentroidalReference, observe_body, reference_of
 from saltus.plan import Plan
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
@@ -64,7 +64,7 @@ class Benchmark(Command):
         contacts = rng.random((self.problems, 4)) < 0.6
         build, solve, differences = Stopwatch(), Stopwatch(), []
         for k in range(self.problems):
-            plan, body = row(plans, k), observe(row(robots, k), LegKinematics(ROBOT))
+            plan, body = row(plans, k), observe_body(row(robots, k), LegKinematics(ROBOT))
             acceleration = stance.acceleration_reference(body, plan.velocity, plan.angular_velocity)
             qp = build(stance.build_qp, body, acceleration, contacts[k])
             force = solve(solver.solve, qp)

@@ -44,15 +44,15 @@ from saltus.heightmap.data.delivery import DELIVERIES, TICK_S
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import DatasetError, read_dataset, read_manifest, write_shard
 from saltus.heightmap.evaluation.held_out import HeldOutRuns
-from saltus.heightmap.evaluation.scores import scores
+from saltus.heightmap.evaluation.scores import score_table
 from saltus.heightmap.model import MAX_IMAGE_AGE_S, HeightmapModel
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 from saltus.heightmap.settings import ClosedLoop, DeliveryName, PredictorTraining
-from saltus.heightmap.training.export import ModelOrigin, export
-from saltus.heightmap.training.train import load_checkpoint, split, train
-from saltus.heightmap.training.validate import MIN_WARMUP, accuracy
-from saltus.resources import resource
+from saltus.heightmap.training.export import ModelOrigin, export_heightmap
+from saltus.heightmap.training.train import load_checkpoint, split_episodes, train_heightmap
+from saltus.heightmap.training.validate import MIN_WARMUP, height_accuracy
+from saltus.resources import shipped_file
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 
@@ -107,7 +107,7 @@ class Benchmark(Command):
             collect(self.out / name, name)
         episodes = {name: read_dataset(self.out / name) for name in _CAMERAS}
         check_twins(episodes[STEREO], episodes[CLEAN])
-        held_out = {name: split(found)[1][:SHOWN] for name, found in episodes.items()}
+        held_out = {name: split_episodes(found)[1][:SHOWN] for name, found in episodes.items()}
         del episodes  # the training reads them again
         table = {name: self._network(name, held_out) for name in self.networks}
         return {"updates": self.updates, "runs": self.runs, "networks": table}
@@ -133,7 +133,7 @@ class Benchmark(Command):
 def collect(data: Path, name: str) -> None:
     """Adds the rounds that are missing; those of both cameras show the same motion."""
     loop = ClosedLoop(robot="go1", grid="line", learned=LEARNED, camera=_CAMERAS[name])
-    model = resource("models/heightmap.onnx")
+    model = shipped_file("models/heightmap.onnx")
     for index in range(len(read_manifest(data)), ROUNDS):
         logging.info("collecting round %d, %s", index, name)
         config = {
@@ -180,14 +180,14 @@ def trained(out: Path, name: str, updates: int) -> Path:
         forgets=0.0, seed=SEED,
         device="cpu",
     )  # fmt: skip
-    train(out / images.data, checkpoint, config)
+    train_heightmap(out / images.data, checkpoint, config)
     return checkpoint
 
 
 def exported(model: HeightmapModel, path: Path) -> Path:
     """The network as a file."""
     # Its warm-up is the service's business: nothing reads it here, so it is not measured.
-    export(
+    export_heightmap(
         model,
         path,
         ModelOrigin(
@@ -236,7 +236,7 @@ def in_the_loop(model: Path, runs: int, camera: str) -> dict[str, Any]:
     config = HeldOutRuns(
         robot="go1", grid="line", runs=runs, seed=EVAL_SEED, camera=camera, baselines=()
     )
-    found = scores([run for batch in config.batches for run in config.measure(model, batch)])
+    found = score_table([run for batch in config.batches for run in config.measure(model, batch)])
     table: dict[str, Any] = {key: round(1e3 * found[key], 2) for key in _LENGTHS}
     table |= {key: round(1e2 * found[key], 1) for key in _PERCENT}
     terrains = {kind: round(1e3 * row["mae_m"], 2) for kind, row in found["by_terrain"].items()}
@@ -253,7 +253,7 @@ def shown(model: Path, held_out: dict[str, list[Episode]]) -> dict[str, dict[str
     table = {}
     for name in SHOWN_AS:
         images = NETWORKS[name]
-        found = accuracy(
+        found = height_accuracy(
             HeightmapNetwork(ROBOT, model), held_out[images.data], DELIVERIES[images.delivery]
         )
         table[f"as {name}"] = {

@@ -31,7 +31,7 @@ from saltus.errors import SaltusError
 from saltus.render.backends import NAMES, has_driver, make_renderer, make_stereo
 from saltus.render.camera import RobotCamera
 from saltus.render.stereo.camera import StereoCamera, StereoConfig
-from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled
+from saltus.render.stereo.model_view import COLUMNS, ROWS, pool_valid
 from saltus.render.stereo.optics import StereoOptics
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
@@ -182,7 +182,7 @@ def noisy_exposure(case: Case, robots: Poses) -> Callable[[], object]:
         nonlocal state
         depth, hidden = pair.render_pair_batch(*robots)
         image, state = cameras.step(depth, hidden, np.full(case.batch, next(instants)), state)
-        return pooled(image.depth, rows, columns)
+        return pool_valid(image.depth, rows, columns)
 
     return expose
 
@@ -222,7 +222,7 @@ def warp_exposure(case: Case) -> Callable[[], object]:
                 warp.to_torch, caster.cast_pair(*robots, baseline_m=optics.baseline_m)
             )
             image, state = cameras.step(depth, hidden, times, state)
-            images = pooled(image.depth, ROWS, COLUMNS)
+            images = pool_valid(image.depth, ROWS, COLUMNS)
         warp.synchronize_device(caster.device)
         return images
 

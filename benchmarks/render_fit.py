@@ -19,11 +19,11 @@ from saltus.render.camera import RobotCamera
 from saltus.render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
 from saltus.render.stereo.optics import StereoOptics
 from saltus.render.stereo_embree import StereoEmbree
-from saltus.render.stereo_fit import fit
+from saltus.render.stereo_fit import fit_stereo
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.rotations import quaternion_from_roll_pitch_yaw
-from saltus.terrain.terrain import FIRST_EDGE_X, Terrain, build
+from saltus.terrain.terrain import FIRST_EDGE_X, Terrain, build_course
 from saltus.wire.messages import DepthFrame
 
 ROBOT = load_robot(DEFAULT_ROBOT)
@@ -101,7 +101,7 @@ class HiddenCamera:
     @property
     def terrain(self) -> Terrain:
         """A step across the course, and a wall behind it."""
-        return build(
+        return build_course(
             "step",
             {},
             [(self.depth_m, self.height_m), (self.before_wall_m, 0.0)],
@@ -144,7 +144,7 @@ def frames_of(
 
 def errors(hidden: HiddenCamera, frames: list[DepthFrame]) -> dict[str, float | None]:
     """Relative errors by parameter; None where the fit calls one untestable."""
-    found = fit(frames).parameters
+    found = fit_stereo(frames).parameters
     result: dict[str, float | None] = {}
     for name in HIDDEN:
         value, true = getattr(found, name).value, getattr(hidden, name)

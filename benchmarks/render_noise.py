@@ -22,10 +22,10 @@ from saltus.effects.signals import DepthImage
 from saltus.render.camera import RobotCamera
 from saltus.render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
 from saltus.render.stereo.image import stereo_image
-from saltus.render.stereo.model_view import pooled
+from saltus.render.stereo.model_view import pool_valid
 from saltus.render.stereo.optics import StereoOptics
 from saltus.render.stereo_embree import StereoEmbree
-from saltus.render.stereo_fit import fit, load_frames
+from saltus.render.stereo_fit import fit_stereo, load_frames
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.rotations import quaternion_from_roll_pitch_yaw
@@ -141,7 +141,7 @@ def recorded_rows(path: Path) -> list[dict[str, Any]]:
     """The invalid pixels of a recorded frame beside those
     that the model makes of the frame's own geometry.
     """
-    result = fit(load_frames(path))
+    result = fit_stereo(load_frames(path))
     scene = result.scene
     nearest = filled(scene.median)
     optics = StereoOptics(focal_px=scene.fx)
@@ -278,7 +278,7 @@ def draw(path: Path) -> None:
             image, state = camera.step(depth, hidden, np.asarray(0.02 * k), state)
         stages.append((title, image.depth))
     middle = stages[-1][1][:, 172:252]
-    stages.append(("what the model sees", pooled(middle, 5, 5)))
+    stages.append(("what the model sees", pool_valid(middle, 5, 5)))
     tiles = [titled(title, colours(stage)) for title, stage in stages]
     page = np.vstack([np.hstack(tiles[row : row + 3]) for row in (0, 3)])
     cv2.imwrite(str(path), cv2.resize(page, None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA))

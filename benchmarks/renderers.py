@@ -26,9 +26,9 @@ from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import read_dataset, read_manifest, write_shard
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.settings import BackEndName, ClosedLoop, ModelSettings, PredictorTraining
-from saltus.heightmap.training.train import train
-from saltus.heightmap.training.validate import accuracy
-from saltus.resources import resource
+from saltus.heightmap.training.train import train_heightmap
+from saltus.heightmap.training.validate import height_accuracy
+from saltus.resources import shipped_file
 
 RENDERERS: tuple[BackEndName, ...] = ("embree", "pyrender")
 DATA_SEEDS = {"fitted": 4031, "held-out": 4032}
@@ -77,7 +77,7 @@ class Benchmark(Command):
             "batch": self.batch,
             "trained on": errors,
             "mean_mm": mean,
-            "shipped": errors_mm(resource("models/heightmap.onnx"), shown),
+            "shipped": errors_mm(shipped_file("models/heightmap.onnx"), shown),
             "pyrender over embree": mean["pyrender"] / mean["embree"],
         }
 
@@ -118,7 +118,7 @@ class Benchmark(Command):
             device=self.device,
             model=size,
         )
-        model = train(
+        model = train_heightmap(
             self._data(trained_on, "fitted"), folder / "heightmap.pt", config,
             lambda at: tell(f"{trained_on}, seed {seed}: {at.update}/{at.updates}, {1e3 * at.mae_m:.1f} mm"),
         )  # fmt: skip
@@ -129,6 +129,6 @@ def errors_mm(model: Path, shown: dict[BackEndName, list[Episode]]) -> dict[str,
     """Mean absolute errors of a model file with the images of each renderer."""
     network = HeightmapNetwork(ROBOT, model)
     return {
-        name: 1e3 * accuracy(network, episodes, TRAINING).mae_m
+        name: 1e3 * height_accuracy(network, episodes, TRAINING).mae_m
         for name, episodes in progress(shown.items(), model.parent.name)
     }

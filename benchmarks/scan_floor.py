@@ -22,11 +22,11 @@ from benchmarks._command import Command
 from saltus.arrays import Floats
 from saltus.errors import SaltusError
 from saltus.grid import HeightGrid
-from saltus.heightmap.scan.cells import places, sampled
-from saltus.heightmap.scan.elevation import MapUpdate, OdometryPoses, advanced, new_map
+from saltus.heightmap.scan.cells import fine_cell_positions, sample_bilinear
+from saltus.heightmap.scan.elevation import MapUpdate, OdometryPoses, advance_map, new_map
 from saltus.heightmap.scan.geometry import geometric_heights
 from saltus.heightmap.scan.predictor import ScanNetwork, ScanPredictor
-from saltus.resources import resource
+from saltus.resources import shipped_file
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 
 FOCAL_PX, CENTRE_PX = 383.8, (321.7, 236.8)
@@ -54,7 +54,7 @@ class Benchmark(Command):
         of flat ground at the camera's height.
         """
         rows = _rows(self.folder)
-        network = ScanNetwork(resource("models/scan.onnx"))
+        network = ScanNetwork(shipped_file("models/scan.onnx"))
         errors: dict[str, list[Floats]] = {}
         widths: dict[str, list[Floats]] = {}
         for before, row in zip(rows[::2], rows[1::2], strict=False):
@@ -88,14 +88,17 @@ class Benchmark(Command):
         )  # fmt: skip
         predictor = ScanPredictor(network)
         predictor.see(measured, 0.05)
-        state, around = advanced(
+        state, around = advance_map(
             new_map(1, network.settings, pose.position), measured, network.settings
         )
         classical = geometric_heights(state, around, np.full(1, 0.05, np.float32), network.settings)
-        at = places(AHEAD.points[None], state.corner, network.settings)
+        at = fine_cell_positions(AHEAD.points[None], state.corner, network.settings)
         found = {
             "network": predictor.heights(pose, 0.0, AHEAD),
-            "map": (sampled(classical.height, at)[0], sampled(classical.half_width, at)[0]),
+            "map": (
+                sample_bilinear(classical.height, at)[0],
+                sample_bilinear(classical.half_width, at)[0],
+            ),
             "flat": (np.full(AHEAD.size, -before["camera_height_m"]), np.full(AHEAD.size, 0.1)),
         }
         for method, (height, half_width) in found.items():

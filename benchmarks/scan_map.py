@@ -13,7 +13,12 @@ import torch
 
 from benchmarks._command import Command, tell
 from saltus.heightmap.scan.settings import MapSettings
-from saltus.heightmap.scan.training.evaluation import ScanScore, evaluate, rivals_of, rows_of
+from saltus.heightmap.scan.training.evaluation import (
+    ScanScore,
+    evaluate_scan,
+    evaluation_rows,
+    rivals_of,
+)
 from saltus.heightmap.scan.training.settings import ScanTrainSettings
 
 TRIED: dict[str, tuple[float, ...]] = {
@@ -47,11 +52,11 @@ class Benchmark(Command):
         """Errors by row, variant and group."""
         device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
         settings = ScanTrainSettings()
-        known, variants = rows_of(settings.flight), variants_of(settings.map)
+        known, variants = evaluation_rows(settings.flight), variants_of(settings.map)
         figures: dict[str, Any] = {}
         for row in self.rows:
             flights = {row: known[row]}
-            scores = evaluate(
+            scores = evaluate_scan(
                 None, settings, robots=self.robots, device=device, rows=flights, rivals=variants
             )
             figures[row] = by_method(scores)

@@ -19,10 +19,10 @@ from benchmarks._measuring import recorded_run
 from benchmarks._pictures import Pictured, save, subplots
 from saltus.arrays import Floats
 from saltus.config import RunConfig, TerrainConfig
-from saltus.heightmap.evaluation.comparison import ComparedRun, read_run
+from saltus.heightmap.evaluation.comparison import ComparedRun, read_compared_run
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
-from saltus.resources import resource
+from saltus.resources import shipped_file
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.wire.messages import ControllerMode, DepthFrame, HeightmapStatus, RobotState
@@ -222,7 +222,7 @@ def smoothed(error: Floats) -> Floats:
 
 def shipped_network() -> HeightmapNetwork:
     """The network of the shipped model."""
-    return HeightmapNetwork(load_robot(DEFAULT_ROBOT), resource("models/heightmap.onnx"))
+    return HeightmapNetwork(load_robot(DEFAULT_ROBOT), shipped_file("models/heightmap.onnx"))
 
 
 def measure(runs: Sequence[ComparedRun]) -> dict[str, Curves]:
@@ -294,7 +294,7 @@ def draw(curves: dict[str, Curves], out: Path) -> None:
 
 def record(seed: int) -> ComparedRun:
     """A run of the stack."""
-    return read_run(
+    return read_compared_run(
         recorded_run(
             RunConfig(
                 robot="go1",

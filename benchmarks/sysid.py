@@ -25,8 +25,8 @@ from saltus.arrays import Floats
 from saltus.effects.joint_loads import Armature, CoulombFriction, ViscousFriction
 from saltus.effects.profile import Profile
 from saltus.real2sim.experiments.menu import experiment_named
-from saltus.real2sim.experiments.run import SensorNoise, run
-from saltus.real2sim.pipeline import find
+from saltus.real2sim.experiments.run import SensorNoise, run_experiment
+from saltus.real2sim.pipeline import find_in_logs
 from saltus.recordings.run_log import RunLog, write_run_log
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import LEGS
@@ -59,7 +59,7 @@ class Benchmark(Command):
 
     def measure(self) -> dict[str, Any]:
         """Value and interval of each effect."""
-        log = run(experiment_named("joint_chirp"), ROBOT, _effects(), seed=self.seed)
+        log = run_experiment(experiment_named("joint_chirp"), ROBOT, _effects(), seed=self.seed)
         figures: dict[str, Any] = {"hidden": HIDDEN}
         for name, way in (("mujoco.sysid", _by_sysid), ("real2sim", _by_real2sim)):
             start = time.process_time()
@@ -93,7 +93,7 @@ def _effects() -> Profile:
 def _by_real2sim(log: RunLog) -> dict[str, tuple[float, float, float]]:
     with tempfile.TemporaryDirectory() as folder:
         write_run_log(log, Path(folder) / "log")
-        verdict = find([Path(folder) / "log"], Path(folder), report=False).verdict
+        verdict = find_in_logs([Path(folder) / "log"], Path(folder), report=False).verdict
     tell(f"real2sim says {verdict.verdict}: {', '.join(effect.name for effect in verdict.effects)}")
     found = {}
     for effect in verdict.effects:

@@ -53,7 +53,7 @@ from saltus.runtime.run_folder import write_run
 from saltus.runtime.ticker import Ticker
 from saltus.states import standing_state
 from saltus.wire.bus import Bell
-from saltus.wire.codec import decode, encode
+from saltus.wire.codec import decode_message, encode_message
 from saltus.wire.messages import (
     DepthFrame,
     Heightmap,
@@ -106,13 +106,13 @@ class Benchmark(Command):
         return {**frame_to_heightmap(self.count, self.robots, self.echo), "transport": table}
 
     def _topic(self, endpoint: str, topic: str, message: Message) -> dict[str, float]:
-        data, kind = encode(message), type(message)
+        data, kind = encode_message(message), type(message)
         times = latencies_ms(endpoint, endpoint, topic, self.messages, peer=True)
         latency = percentiles(times)
         return {
             "bytes": len(data),
-            "encode_us": round(microseconds(lambda: encode(message)), 1),
-            "decode_us": round(microseconds(lambda: decode(kind, data)), 1),
+            "encode_us": round(microseconds(lambda: encode_message(message)), 1),
+            "decode_us": round(microseconds(lambda: decode_message(kind, data)), 1),
             "latency_p50_ms": latency["p50"],
             "latency_p99_ms": latency["p99"],
             "received": len(times) + WARM_UP,

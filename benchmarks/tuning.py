@@ -23,7 +23,7 @@ from benchmarks._command import Command
 from saltus import tuning
 from saltus.runtime.ticker import Ticker
 from saltus.wire import zenoh_bus
-from saltus.wire.codec import decode
+from saltus.wire.codec import decode_message
 from saltus.wire.messages import Done
 from saltus.wire.router import open_router
 from saltus.wire.zenoh_bus import ZenohBus
@@ -101,7 +101,7 @@ def _late_ms(count: int, rate_hz: float, is_tuned: bool) -> float:
             sum(number * number for number in range(1_000_000))  # 0.1 s of plain Python
             heard = stream.drain()
             ages_ms += [
-                1e-6 * (raw.arrival_ns - decode(Done, raw.payload).time_ns) for raw in heard
+                1e-6 * (raw.arrival_ns - decode_message(Done, raw.payload).time_ns) for raw in heard
             ]
     return float(np.median(ages_ms))
 
@@ -129,7 +129,7 @@ def _pause_ms(repeats: int, _: float, is_tuned: bool) -> float:
     assert saltus.controller.__main__
     gc.collect()
     if is_tuned:
-        tuning.freeze()
+        tuning.freeze_garbage_collector()
     times_s = []
     for _ in range(repeats):
         start_s = time.perf_counter()

@@ -3,8 +3,8 @@ and right ones left alone.
 
 Each of the logs, of the experiments of real2sim in turn, is screened as it is, and with one channel
 in another unit or sign. Every third robot has drives of 0.7 to 1.3 times their strength. Of some
-logs the whole of `find` is asked. Logs go on where they were left when --out names a folder that
-was begun before.
+logs the whole of `find_in_logs` is asked. Logs go on where they were left when --out names a folder
+that was begun before.
 
     saltus bench units -- --seed 1 --out runs/units
 """
@@ -24,9 +24,9 @@ from benchmarks._command import Command, progress, tell
 from saltus.effects.motors import TorqueGain
 from saltus.effects.profile import IDEAL
 from saltus.real2sim.experiments.menu import EXPERIMENTS
-from saltus.real2sim.experiments.run import run
-from saltus.real2sim.pipeline import find
-from saltus.real2sim.screening.screen import screen
+from saltus.real2sim.experiments.run import run_experiment
+from saltus.real2sim.pipeline import find_in_logs
+from saltus.real2sim.screening.screen import screen_log
 from saltus.recordings.log_units import SIGNALS
 from saltus.recordings.run_log import RunLog, write_run_log
 from saltus.robots.loading import load_robot
@@ -64,8 +64,8 @@ class Benchmark(Command):
     logs: int = 60
     """Number of logs; each is looked at right, and with one channel wrong."""
     whole: int = 6
-    """Number of logs, spread over all, of which the whole of `find` is asked for the wrong one, not
-    the screen alone."""
+    """Number of logs, spread over all, of which the whole of `find_in_logs` is asked for the wrong
+    one, not the screen alone."""
     out: Path = Path("runs/units")
     """Folder that keeps what was found."""
 
@@ -95,22 +95,24 @@ def _looked_at(seed: int, number: int, is_whole: bool) -> dict[str, Any]:
     experiment = list(EXPERIMENTS.values())[number % len(EXPERIMENTS)]
     strength = round(float(rng.uniform(*STRENGTH)), 3) if number % WEAK_EVERY == 0 else 1.0
     profile = IDEAL if strength == 1.0 else IDEAL.having(TorqueGain(gain=strength))
-    log = run(experiment, load_robot(DEFAULT_ROBOT), profile, seed=seed + number)
+    log = run_experiment(experiment, load_robot(DEFAULT_ROBOT), profile, seed=seed + number)
     names = [name for name in FACTORS if _is_there(log, name)]
     channel = names[int(rng.integers(len(names)))]
     factor = float(rng.choice(FACTORS[channel]))
     wrong = in_another_unit(log, channel, factor)
-    lines = [fault.text for fault in screen(wrong) if fault.is_fatal]
+    lines = [fault.text for fault in screen_log(wrong) if fault.is_fatal]
     row: dict[str, Any] = {
         "experiment": experiment.name, "strength": strength, "channel": channel, "factor": factor,
-        "accused": [fault.text for fault in screen(log) if fault.is_fatal],
+        "accused": [fault.text for fault in screen_log(log) if fault.is_fatal],
         "outcome": "bad_log" if lines else "passed",
         "effects": [],
     }  # fmt: skip
     if is_whole:
         with tempfile.TemporaryDirectory() as folder:
             write_run_log(wrong, Path(folder) / "log")
-            verdict = find([Path(folder) / "log"], Path(folder) / "out", report=False).verdict
+            verdict = find_in_logs(
+                [Path(folder) / "log"], Path(folder) / "out", report=False
+            ).verdict
         row |= {"outcome": verdict.verdict, "effects": [effect.name for effect in verdict.effects]}
         lines = list(verdict.log_faults) if verdict.verdict == "bad_log" else []
     return {**row, "is_told": is_told(lines, channel, factor), "said": lines[:2]}

@@ -23,13 +23,13 @@ from saltus.effects.body import ContactCompliance, SoftFeet
 from saltus.effects.joint_loads import CoulombFriction, ViscousFriction
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import ConfigError
-from saltus.flags import shown
+from saltus.flags import flag_help
 from saltus.grid import DEFAULT_GRID, WALKING_GRID
 from saltus.heightmap.data.predicted import PredictedHeightsFactory
 from saltus.heightmap.data.scan_heights import ScanHeightSourceFactory
 from saltus.loop.heights import shifted_heights
-from saltus.policy.evaluation.evaluate import EvaluationSettings, evaluate, merged
-from saltus.policy.evaluation.walking_trials import WalkTrials, crossing_row, run_tasks, tasks
+from saltus.policy.evaluation.evaluate import EvaluationSettings, evaluate_policy, merge_batches
+from saltus.policy.evaluation.walking_trials import WalkTrials, crossing_row, run_tasks, trial_tasks
 from saltus.policy.evaluation.walks import TrueHeightSource
 from saltus.policy.planner import make_planner
 from saltus.robots.loading import load_robot
@@ -56,7 +56,7 @@ class Benchmark(Command):
     """Trials of each row."""
     seed: int = 94_000
     """Seed of the first trial; the others have SEED + 1, SEED + 2, ..."""
-    processes: Annotated[int | None, shown("INT", "one for each core")] = None
+    processes: Annotated[int | None, flag_help("INT", "one for each core")] = None
     """Number of processes that share the trials."""
 
     def measure(self) -> dict[str, Any]:
@@ -81,7 +81,7 @@ class Benchmark(Command):
         predicted = PredictedHeightsFactory(model=model_path("heightmap", robot=ROBOT))
         heights = predicted if self.heights == "predicted" else shifted_heights
         planner = partial(make_planner, "learned")
-        found = merged(evaluate(evaluation, heights, planner, self.processes))
+        found = merge_batches(evaluate_policy(evaluation, heights, planner, self.processes))
         return {"successes": found.successes, "failures": found.failures,
                 "median_time_s": found.median_time_s}  # fmt: skip
 
@@ -93,7 +93,7 @@ class Benchmark(Command):
         predicted = ScanHeightSourceFactory(model=model_path("scan"))
         source = predicted if self.heights == "predicted" else TrueHeightSource
         seeds = range(self.seed, self.seed + self.trials)
-        parts = run_tasks(trials, tasks("cross", [ground], source, seeds), self.processes)
+        parts = run_tasks(trials, trial_tasks("cross", [ground], source, seeds), self.processes)
         row = crossing_row([each for part in parts for each in part])  # type: ignore[misc]
         return {key: row[key] for key in ("successes", "failures", "speed_by_commanded")}
 

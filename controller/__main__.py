@@ -16,7 +16,7 @@ from saltus.controller.shove import TrunkShove
 from saltus.controller.tick import CompiledTickLaw, TickLaw
 from saltus.runtime.process import ProcessContext, run_process
 from saltus.runtime.ticker import Ticker
-from saltus.tuning import freeze
+from saltus.tuning import freeze_garbage_collector
 from saltus.wire.messages import ControllerMode
 
 TICK_NS = round(1e9 * PHYSICS_DT)
@@ -88,7 +88,7 @@ class ControllerRun:
             here = self._context.config.link == "here"
             catch_up = CATCH_UP_TICKS if here else 1
             ticker = Ticker(1.0 / PHYSICS_DT, catch_up=catch_up, clock=self._context.clock)
-            freeze()
+            freeze_garbage_collector()
         self._context.ready()
         while not self._finished():
             self._context.beat(

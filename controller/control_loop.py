@@ -10,19 +10,19 @@ import numpy as np
 
 from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT
-from saltus.controller.gait import GaitSignal, standing
-from saltus.controller.rising import RISE_S, rising
+from saltus.controller.gait import GaitSignal, standing_gait
+from saltus.controller.rising import RISE_S, rising_command
 from saltus.controller.robot.backend import RobotReading
 from saltus.controller.tick import ActingResult, TickLaw
 from saltus.controller.tracking import JointTargetTracking
-from saltus.controller.watchdog import WatchdogInput, WatchdogState, watch
+from saltus.controller.watchdog import WatchdogInput, WatchdogState, watchdog_step
 from saltus.controller.yaw_frame import CentroidalReference
 from saltus.errors import SaltusError
 from saltus.joint_command import JointCommand
 from saltus.plan import REST, plan_message, plan_of
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
-from saltus.states import ProprioceptionArrays, state_message, states_of
+from saltus.states import ProprioceptionArrays, robot_state_message, states_of
 from saltus.wire.messages import (
     AnyPlan,
     ControllerMode,
@@ -58,7 +58,7 @@ class ControlLoop:
         self._estimate = self._tick.estimator.init((), robot.stand_pose)
         self._law_state = self._tick.law.init((), robot.stand_pose)
         self._watch = WatchdogState()
-        self._gait: GaitSignal = standing((), robot.stand_pose)
+        self._gait: GaitSignal = standing_gait((), robot.stand_pose)
         self._settled = self._finite = False
         self._ground = self._tick.braking.init(LegKinematics(robot).position(robot.stand_pose))
         self._tracking = JointTargetTracking(robot, self._tick.compensation)
@@ -106,7 +106,7 @@ class ControlLoop:
         reading = self._sensed_reading()
         if not self.risen:
             return self._logged(reading, self._rising(reading))
-        self._watch = watch(
+        self._watch = watchdog_step(
             self._watch,
             WatchdogInput(
                 plan_age_s=plan_age_s,
@@ -124,7 +124,7 @@ class ControlLoop:
 
     def state(self, time_ns: int, step: int, depth_due: int = -1) -> RobotState:
         """The robot as of the last `sense`, with the contacts of the last `act`."""
-        return state_message(
+        return robot_state_message(
             self._states(),
             time_ns=time_ns,
             step=step,
@@ -160,7 +160,7 @@ class ControlLoop:
     def _rising(self, reading: RobotReading) -> JointCommand:
         if self._start is None:
             self._start = reading.measurement.joint_position
-        return rising(self._start, self._robot, self._ticks * PHYSICS_DT)
+        return rising_command(self._start, self._robot, self._ticks * PHYSICS_DT)
 
     def _sensed_reading(self) -> RobotReading:
         if self._reading is None:

@@ -35,7 +35,7 @@ class GaitSignal:
     """[s], shape (...)."""
 
 
-def standing(batch: tuple[int, ...], like: Array) -> GaitSignal:
+def standing_gait(batch: tuple[int, ...], like: Array) -> GaitSignal:
     """The schedule of robots that have not begun: all feet on the ground.
 
     Arrays of the kind of `like`.

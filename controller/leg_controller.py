@@ -29,7 +29,7 @@ from saltus.controller.gait import GaitSignal, GaitState
 from saltus.controller.stance import ExactSolver, StanceLegs, StanceSolver
 from saltus.controller.swing import SwingLegs
 from saltus.controller.velocity_feedback import SpeedBrake, VelocityFeedback
-from saltus.controller.yaw_frame import CentroidalReference, YawFrameBody, observe
+from saltus.controller.yaw_frame import CentroidalReference, YawFrameBody, observe_body
 from saltus.joint_command import JointCommand
 from saltus.robots.legs import LegKinematics
 from saltus.robots.resting_poses import RestingPoses
@@ -163,7 +163,7 @@ class LegController:
         mode: ControllerMode,
     ) -> tuple[JointCommand, LawState, Diagnostics]:
         """Returns what ideal drives are asked for."""
-        body = observe(sensed, self._legs)
+        body = observe_body(sensed, self._legs)
         state = self._entered(state, mode, sensed, body)
         if mode in _MOVING:
             return self._run(reference, sensed, body, state)

@@ -12,7 +12,7 @@ SOFT = 0.3
 """Share of the stand's stiffness with which it begins to rise."""
 
 
-def rising(start: Floats, robot: Robot, time_s: float) -> JointCommand:
+def rising_command(start: Floats, robot: Robot, time_s: float) -> JointCommand:
     """The command at a time of the rise, from joint angles `start`,
     shape (12,) [rad]: it never leaps.
     """

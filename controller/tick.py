@@ -15,7 +15,7 @@ from saltus.arrays import Flags, LegFlags, Scalars, Vectors, namespace
 from saltus.controller.braking import Braking, BrakingState
 from saltus.controller.compensation import Compensation
 from saltus.controller.estimator import Estimator, EstimatorState
-from saltus.controller.gait import GaitSignal, standing
+from saltus.controller.gait import GaitSignal, standing_gait
 from saltus.controller.leg_controller import LawState, LegController
 from saltus.controller.stance import ExactSolver, StanceQP, StanceSolver
 from saltus.controller.yaw_frame import CentroidalReference, reference_of
@@ -153,7 +153,7 @@ class CompiledTickLaw(TickLaw):
         super().__init__(robot, compensation)
         laws = TickLaw(robot, compensation, NotedSolver(robot))
         pose = robot.stand_pose
-        still, legs = standing_state(robot), standing((), pose)
+        still, legs = standing_state(robot), standing_gait((), pose)
         measured = SensorArrays(
             **{field.name: getattr(still, field.name) for field in fields(SensorArrays)}
         )

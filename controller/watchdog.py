@@ -59,7 +59,7 @@ class WatchdogState:
     """It lies, or gets up."""
 
 
-def watch(state: WatchdogState, now: WatchdogInput, dt_s: float) -> WatchdogState:
+def watchdog_step(state: WatchdogState, now: WatchdogInput, dt_s: float) -> WatchdogState:
     """One tick: the next state. STOPPED and DAMP are latched; DAMP wins over everything.
 
     STAND -> RUN on a fresh GO, -> WALK where its plan is of joint targets, -> LIE on a fresh LIE.

@@ -75,7 +75,7 @@ def reference_of(plan: Plan, heading: Scalars) -> CentroidalReference:
     )
 
 
-def observe(sensed: Proprioception, legs: LegKinematics) -> YawFrameBody:
+def observe_body(sensed: Proprioception, legs: LegKinematics) -> YawFrameBody:
     """Attitude, velocities and feet of a robot with these legs,
     in the frames that the controller uses.
     """

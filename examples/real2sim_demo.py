@@ -16,8 +16,8 @@ import tyro
 from saltus.effects.profile import IDEAL, Profile
 from saltus.real2sim.demonstration import Demonstration, demonstrate
 from saltus.real2sim.experiments.motions import Floats
-from saltus.real2sim.experiments.run import SensorNoise, run
-from saltus.real2sim.reporting.verdict_text import sentence
+from saltus.real2sim.experiments.run import SensorNoise, run_experiment
+from saltus.real2sim.reporting.verdict_text import verdict_sentence
 from saltus.recordings.run_log import RunLog, read_run_log
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import JOINTS
@@ -32,8 +32,8 @@ def main(*, seed: int = 2, out: Path = Path("runs/real2sim")) -> None:
         out: Folder for logs, verdicts, patch, profile and the picture.
     """
     shown = demonstrate(load_robot(DEFAULT_ROBOT), out, seed=seed)
-    print(f"found: {sentence(shown.found.verdict)}")
-    print(f"with the patch: {sentence(shown.again.verdict)}")
+    print(f"found: {verdict_sentence(shown.found.verdict)}")
+    print(f"with the patch: {verdict_sentence(shown.again.verdict)}")
     draw(shown, read_run_log(out / "logs" / shown.experiments[0].name), out / "picture.png")
 
 
@@ -79,7 +79,9 @@ def _title(shown: Demonstration) -> str:
 def _simulated(shown: Demonstration, profile: Profile) -> Floats:
     """Angles of a simulated robot without sensor noise that does the same."""
     silent = SensorNoise(q_rad=0.0, dq_rad_s=0.0, tau_nm=0.0)
-    return run(shown.experiments[0], load_robot(DEFAULT_ROBOT), profile, noise=silent).joints.q
+    return run_experiment(
+        shown.experiments[0], load_robot(DEFAULT_ROBOT), profile, noise=silent
+    ).joints.q
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ EpisodeKey = tuple[int, int, int]
 """Key of a batch: seed, round, number."""
 
 
-def collect(
+def collect_shard(
     settings: ProcessorCollection,
     directory: Path,
     done: Callable[[int], object],

@@ -35,7 +35,7 @@ class DeviceSpeed:
         return {name: round(self.ticks / seconds) for name, seconds in pairs}
 
 
-def collect(
+def collect_shards_on_device(
     settings: DeviceCollection,
     outputs: Mapping[str, Path],
     ticked: Callable[[], object],

@@ -21,7 +21,7 @@ from saltus.errors import SaltusError
 from saltus.model_file import checksum_path
 from saltus.policy.evaluation.evaluate import success_interval
 from saltus.policy.training.files import COMMIT
-from saltus.provenance import commit
+from saltus.provenance import current_commit
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.terrain.curriculum import make_terrain
@@ -247,7 +247,7 @@ def _figures(runs: Sequence[Ran]) -> Figures:
         "trials": len(runs),
         "steps": round(float(np.mean([run.edges_passed for run in runs])), 2),
         "trial_seeds": [runs[0].seed, runs[-1].seed],
-        "commit": commit(),
+        "commit": current_commit(),
     }
 
 

@@ -11,7 +11,7 @@ from saltus.cli.output import print_figures, print_json
 from saltus.config import check_between
 from saltus.errors import SaltusError
 from saltus.extras import packages_of
-from saltus.flags import Flag, shown
+from saltus.flags import Flag, flag_help
 from saltus.workers import check_processes
 
 if TYPE_CHECKING:
@@ -36,25 +36,25 @@ class Paper:
       saltus paper train no-feedback --seed 1
     """
 
-    name: Annotated[tyro.conf.Positional[str], shown("NAME", "none, list them")] = ""
+    name: Annotated[tyro.conf.Positional[str], flag_help("NAME", "none, list them")] = ""
     """Name of a row; report: a page of all; train: trains an ablation on a GPU."""
-    ablation: Annotated[tyro.conf.Positional[str], shown("ABLATION", "none")] = ""
+    ablation: Annotated[tyro.conf.Positional[str], flag_help("ABLATION", "none")] = ""
     """After train: which one."""
     trials: int = 100
     """Trials of each course; rows that compare starts have five of them."""
-    seed: Annotated[int | None, shown("INT", "130000, of a training 0")] = None
+    seed: Annotated[int | None, flag_help("INT", "130000, of a training 0")] = None
     """Seed of the first trial, the others have SEED + 1, SEED + 2, ...; or of a training."""
-    processes: Annotated[int | None, shown("INT", "one for each core")] = None
+    processes: Annotated[int | None, flag_help("INT", "one for each core")] = None
     """Number of processes that share the trials."""
     out: Path = Path("runs/paper")
     """Folder for the files."""
     trained: Annotated[
-        Path | None, shown("PATH", "to train runs/paper-train, to measure the published ones")
+        Path | None, flag_help("PATH", "to train runs/paper-train, to measure the published ones")
     ] = None
     """Folder of the ablations' trainings."""
     minutes: float = 30.0
     """Time limit of a policy's training, which goes on where it was interrupted."""
-    commit: Annotated[str | None, shown("STR", "as git says")] = None
+    commit: Annotated[str | None, flag_help("STR", "as git says")] = None
     """Commit of the code that trains, where this machine has no repository."""
     json: Flag = False
     """Print the result as one JSON object on the last line."""

@@ -21,7 +21,7 @@ from saltus.loop.planner import Observation, observe
 from saltus.model_file import ModelFile
 from saltus.plan import Plan
 from saltus.policy.bounds import ACTIONS, ActionBounds, plan_from_values
-from saltus.policy.policy_features import PROPRIOCEPTION_SIZE, features
+from saltus.policy.policy_features import PROPRIOCEPTION_SIZE, policy_features
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
@@ -82,7 +82,7 @@ class ImitatedPlans(PredictedHeights):
     def _features(self, states: ProprioceptionArrays) -> Singles:
         observation = observe(states, self._network.legs)
         blank = np.zeros((len(observation.pitch), len(HEIGHTMAP_X)))
-        return features(observation, blank)[:, :PROPRIOCEPTION_SIZE].astype(np.float32)
+        return policy_features(observation, blank)[:, :PROPRIOCEPTION_SIZE].astype(np.float32)
 
 
 class PassOn:

@@ -28,7 +28,7 @@ from paper.runs import Effort
 from paper.training import CAMERA, FULL, PUBLISHED
 from saltus.errors import SaltusError, nearest_hint
 from saltus.folders import ask_for_room
-from saltus.provenance import commit
+from saltus.provenance import current_commit
 from saltus.used_networks import ModelKind, model_id, model_path
 
 MODELS: tuple[ModelKind, ...] = ("policy", "heightmap")
@@ -109,7 +109,7 @@ def make(
     result = {
         "row": row.name,
         "measured": "simulation",
-        "commit": commit(),
+        "commit": current_commit(),
         "models": _models(),
         "camera": CAMERA,
         "seeds": seeds,

@@ -23,21 +23,21 @@ from saltus.gpu import has_gpu
 from saltus.grid import DEFAULT_GRID, load_grid
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shards import dataset_hash, read_manifest, read_records
-from saltus.heightmap.device_collection import collect
+from saltus.heightmap.device_collection import collect_shards_on_device
 from saltus.heightmap.model import IMAGE_SHAPE, HeightmapModel
 from saltus.heightmap.settings import FURTHER_RATE, DeviceCollection, DeviceLoop, PredictorTraining
-from saltus.heightmap.training.export import ModelOrigin, export
-from saltus.heightmap.training.train import TrainingProgress, train
+from saltus.heightmap.training.export import ModelOrigin, export_heightmap
+from saltus.heightmap.training.train import TrainingProgress, train_heightmap
 from saltus.heightmap.training.validate import MIN_WARMUP
 from saltus.onnx_export import write_onnx
 from saltus.policy.bounds import ACTIONS
 from saltus.policy.csv_tables import append_table
 from saltus.policy.env.settings import JumpTrainSettings as PolicyConfig
 from saltus.policy.policy_features import PROPRIOCEPTION_SIZE
-from saltus.policy.training.checkpoint import config_of
+from saltus.policy.training.checkpoint import training_config
 from saltus.policy.training.export import read_policy
 from saltus.policy.training.files import COMMIT, PROGRESS
-from saltus.provenance import commit as this_commit
+from saltus.provenance import current_commit as this_commit
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 
@@ -139,7 +139,11 @@ def train_network(
         )
     model = _trained(work, settings, shown=for_imitation)
     return write_imitator(
-        model, config_of(read_policy(work.teacher)), work.own / training.IMITATOR, seed, commit
+        model,
+        training_config(read_policy(work.teacher)),
+        work.own / training.IMITATOR,
+        seed,
+        commit,
     )
 
 
@@ -225,7 +229,9 @@ def _collect(work: "_Work", index: int, predictor: Path | None) -> None:
         loop=loop,
     )
     with tqdm(total=loop.ticks, desc=f"round {index}: robots run", unit="tick") as bar:
-        collect(collection, {training.CAMERA: work.data}, bar.update, lambda *_: None, work.commit)
+        collect_shards_on_device(
+            collection, {training.CAMERA: work.data}, bar.update, lambda *_: None, work.commit
+        )
 
 
 def _trained(
@@ -250,7 +256,9 @@ def _trained(
             }
             append_table(work.own / PROGRESS, [row])
 
-        return train(work.data, checkpoint, replace(settings, device=_device()), tell, start, shown)
+        return train_heightmap(
+            work.data, checkpoint, replace(settings, device=_device()), tell, start, shown
+        )
 
 
 def _exported(model: HeightmapModel, path: Path, work: "_Work") -> Path:
@@ -268,7 +276,7 @@ def _exported(model: HeightmapModel, path: Path, work: "_Work") -> Path:
         dataset=dataset_hash(records),
         seed=work.seed,
     )
-    export(model, path, origin)
+    export_heightmap(model, path, origin)
     return path
 
 

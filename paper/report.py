@@ -10,7 +10,7 @@ from paper.ablations import ROUNDS_ROW, SIMULATION, STAND_IN
 from paper.making import number_at
 from paper.rows import ABLATION, ROWS, Row
 from saltus.policy.evaluation.evaluate import success_interval
-from saltus.reports.page import render, write_page
+from saltus.reports.page import render_page, write_page
 
 PLACES = (SIMULATION, STAND_IN)
 
@@ -21,7 +21,7 @@ def write_report(results: Mapping[str, dict[str, Any]], folder: Path) -> Path:
     Returns its path.
     """
     path = folder / "report.html"
-    text = render(
+    text = render_page(
         __file__,
         rows=ROWS,
         results=results,

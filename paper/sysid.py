@@ -20,8 +20,8 @@ from saltus.effects.motors import TorqueSaturation
 from saltus.effects.profile import SHIPPED, Profile, load_profile
 from saltus.errors import SaltusError
 from saltus.real2sim.experiments.menu import experiment_named
-from saltus.real2sim.experiments.run import run
-from saltus.real2sim.pipeline import find
+from saltus.real2sim.experiments.run import run_experiment
+from saltus.real2sim.pipeline import find_in_logs
 from saltus.real2sim.results import Judgement
 from saltus.recordings.run_log import RunLog, write_run_log
 from saltus.robots.legs import LegKinematics
@@ -88,7 +88,7 @@ def camera_latency(effort: Effort) -> Made:
     """
     robot = load_robot(DEFAULT_ROBOT)
     hidden = Profile(camera=(CameraLatency(latency=LATENCY_S),))
-    sine = run(experiment_named("heave_sine"), robot, hidden, seed=effort.first_seed)
+    sine = run_experiment(experiment_named("heave_sine"), robot, hidden, seed=effort.first_seed)
     joints_s, by_joints = _height_by_joints(sine, robot)
     images_s, by_images = _height_by_images(sine)
     lag_s = _lag(images_s, by_images, joints_s, by_joints)
@@ -127,10 +127,10 @@ def _searched(
     experiment: str, hidden: Profile, seed: int, robot: Robot
 ) -> tuple[RunLog, Judgement]:
     """The log of a robot with hidden effects, and what is found in it."""
-    log = run(experiment_named(experiment), robot, hidden, seed=seed)
+    log = run_experiment(experiment_named(experiment), robot, hidden, seed=seed)
     with tempfile.TemporaryDirectory() as folder:
         write_run_log(log, Path(folder) / "log")
-        return log, find([Path(folder) / "log"], Path(folder), seed=seed, report=False)
+        return log, find_in_logs([Path(folder) / "log"], Path(folder), seed=seed, report=False)
 
 
 def _height_by_joints(log: RunLog, robot: Robot) -> tuple[Floats, Floats]:

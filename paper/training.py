@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from saltus.config import changed
+from saltus.config import with_changes
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import SaltusError
 from saltus.gpu import has_gpu
@@ -96,7 +96,7 @@ def config_of(name: str, seed: int, folder: Path) -> JumpTrainSettings:
         changes["env"] = {**changes.get("env", {}), "profile": str(_profile(ablation, folder))}
     if not ablation.feedback:
         changes["robot"] = str(_without_feedback(folder))
-    return changed(config, changes)
+    return with_changes(config, changes)
 
 
 def train(name: str, seed: int, trained: Path, minutes: float, commit: str | None = None) -> Path:
@@ -127,16 +127,16 @@ def train(name: str, seed: int, trained: Path, minutes: float, commit: str | Non
         training=config,
         commit=commit,
     ).run()
-    from saltus.policy.training.checkpoint import read_checkpoint
-    from saltus.policy.training.export import export
+    from saltus.policy.training.checkpoint import read_policy_checkpoint
+    from saltus.policy.training.export import export_policy
 
-    done = int(read_checkpoint(checkpoint)["steps"])
+    done = int(read_policy_checkpoint(checkpoint)["steps"])
     if done < STEPS:
         raise SaltusError(
             f"{done / 1e6:.0f} of {STEPS / 1e6:.0f} million steps are trained: run the command "
             "again"
         )
-    export(checkpoint, folder / MODEL)
+    export_policy(checkpoint, folder / MODEL)
     return folder / MODEL
 
 

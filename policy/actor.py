@@ -16,9 +16,9 @@ from saltus.policy.policy_features import (
     PROPRIOCEPTION_SIZE,
     RECALLED,
     check_past_steps,
-    features,
-    layout,
-    remembered,
+    feature_layout,
+    next_past,
+    policy_features,
     size_with,
     with_past,
 )
@@ -65,14 +65,14 @@ class PolicyActor:
         self, observation: Observation, heights: Reals, fresh: NDArray[np.bool_] | bool = False
     ) -> Plan:
         """Plans the next 10 ms, within the bounds; see `saltus.policy.planner.Planner`."""
-        vector = features(observation, heights)
+        vector = policy_features(observation, heights)
         if not self.past_steps:
             return plan_from_values(self.values(vector))
         batch = vector.shape[:-1]
         if self._latest.shape[:-1] != batch:  # others than before
             fresh, self._latest = True, np.zeros((*batch, RECALLED))
             self._past = np.zeros((*batch, *self._past.shape[-2:]))
-        self._past = remembered(self._past, self._latest, vector, np.broadcast_to(fresh, batch))
+        self._past = next_past(self._past, self._latest, vector, np.broadcast_to(fresh, batch))
         values = self.values(with_past(vector, self._past, self.past_steps))
         self._latest = np.concatenate(
             [vector[..., :PROPRIOCEPTION_SIZE], self._bounds.normalised(values)], axis=-1
@@ -92,7 +92,7 @@ def _check(robot: Robot, grid: HeightGrid, file: ModelFile) -> None:
     """Refuses a policy that was made for other features,
     actions or limits than this program has.
     """
-    expected = {"format": FORMAT, "features": layout(grid), "actions": list(ACTIONS)}
+    expected = {"format": FORMAT, "features": feature_layout(grid), "actions": list(ACTIONS)}
     for name, value in expected.items():
         found = file.field(name)
         if found != value:

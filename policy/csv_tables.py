@@ -11,7 +11,7 @@ MISSING = "nan"
 """In columns for which a row has no value: a resumed training may have other terrains."""
 
 
-def read_table(path: Path) -> list[dict[str, str]]:
+def read_csv_table(path: Path) -> list[dict[str, str]]:
     """The rows of a table; none where there is no table."""
     if not path.exists():
         return []
@@ -25,7 +25,7 @@ def append_table(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
     Raises:
         SaltusError: the table cannot be written.
     """
-    before = read_table(path)
+    before = read_csv_table(path)
     known = list(before[0]) if before else []
     if not set(rows[0]) <= set(known):
         _write(path, [*before, *rows])
@@ -47,7 +47,7 @@ def carry_on(source: Path, target: Path, iteration: int) -> None:
     Raises:
         SaltusError: the table cannot be written.
     """
-    rows = read_table(source)
+    rows = read_csv_table(source)
     kept = [row for row in rows if float(row["iteration"]) <= iteration]
     if kept and (source != target or len(kept) < len(rows)):
         _write(target, kept)

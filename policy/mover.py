@@ -10,7 +10,7 @@ import numpy as np
 from saltus.arrays import Floats
 from saltus.grid import HeightGrid
 from saltus.loop.planner import Observation, Planner, observe
-from saltus.loop.shadows import deepened
+from saltus.loop.shadows import deepen_shadows
 from saltus.plan import REST, plan_message
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
@@ -133,7 +133,7 @@ class FeetLines:
         """
         given = heights[self._places]
         if half_width is not None:
-            given, _ = deepened(given, half_width[self._places], self._lines)
+            given, _ = deepen_shadows(given, half_width[self._places], self._lines)
         right, middle, left = given.reshape(self._lines.shape).T
         lowest = np.minimum(right, left)
         return np.where(lowest < middle - HOLE_M, lowest, middle)

@@ -34,12 +34,12 @@ RECALLED = PROPRIOCEPTION_SIZE + len(ACTIONS)
 `ActionBounds` normalises it."""
 
 
-def layout(grid: HeightGrid) -> dict[str, int]:
+def feature_layout(grid: HeightGrid) -> dict[str, int]:
     """Names of all parts of the vector, in order, and their lengths."""
     return {**LAYOUT, "heights": grid.size}
 
 
-def features(observation: Observation, heights: Array) -> Array:
+def policy_features(observation: Observation, heights: Array) -> Array:
     """The vector that goes into the policy's network, shape (..., size);
     heights are relative to the base [m].
     """
@@ -59,8 +59,10 @@ def features(observation: Observation, heights: Array) -> Array:
     return xp.concat(list(parts.values()), axis=-1)
 
 
-def read(vector: Array, grid: HeightGrid) -> tuple[Observation, Array]:
-    """The observation and the heights that a vector was made of: the inverse of `features`."""
+def read_features(vector: Array, grid: HeightGrid) -> tuple[Observation, Array]:
+    """The observation and the heights that a vector was made of: the inverse of
+    `policy_features`.
+    """
     parts, first = {}, 0
     for name, size in LAYOUT.items():
         part = vector[..., first : first + size]
@@ -110,7 +112,7 @@ def with_past(vector: Array, past: Array, past_steps: tuple[int, ...]) -> Array:
     )
 
 
-def remembered(past: Array, latest: Array, vector: Array, fresh: Array) -> Array:
+def next_past(past: Array, latest: Array, vector: Array, fresh: Array) -> Array:
     """The past one step later; robots that begin remember the present, and no plan.
 
     Args:

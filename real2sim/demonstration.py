@@ -20,8 +20,8 @@ from saltus.effects.profile import IDEAL, Profile
 from saltus.errors import SaltusError
 from saltus.real2sim.cycle.finding import search_until_told
 from saltus.real2sim.experiments.menu import Experiment, experiment_named
-from saltus.real2sim.experiments.run import run
-from saltus.real2sim.pipeline import find
+from saltus.real2sim.experiments.run import run_experiment
+from saltus.real2sim.pipeline import find_in_logs
 from saltus.real2sim.progress import ProgressListener
 from saltus.real2sim.results import Judgement
 from saltus.recordings.run_log import write_run_log
@@ -104,14 +104,14 @@ def demonstrate(
     hidden = demo_robot(seed)
 
     def record(name: str) -> Path:
-        log = run(
+        log = run_experiment(
             experiment_named(name), robot, hidden, seed=seed, progress=partial(tell, f"run {name}")
         )
         write_run_log(log, out / "logs" / name, robot)
         return out / "logs" / name
 
     def look(logs: Sequence[Path]) -> Judgement:
-        return find(
+        return find_in_logs(
             logs, out / "found", seed=seed, progress=lambda stage, x: tell(f"find: {stage}", x)
         )
 
@@ -123,7 +123,7 @@ def demonstrate(
             "apply"
         )
     (out / "profile.toml").write_text(profile.to_toml(), encoding="utf-8")
-    again = find(
+    again = find_in_logs(
         logs,
         out / "again",
         profile=profile,

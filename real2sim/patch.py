@@ -135,7 +135,9 @@ def load_patch(path: Path) -> ProfilePatch:
     return read_file(path, patch_from_toml)
 
 
-def supported(effects: Sequence[FoundEffect], profile: Profile = IDEAL) -> tuple[FoundEffect, ...]:
+def patchable_effects(
+    effects: Sequence[FoundEffect], profile: Profile = IDEAL
+) -> tuple[FoundEffect, ...]:
     """The effects that may go into a profile:
     with values within their bounds and intervals that exclude null.
 
@@ -187,7 +189,7 @@ def evidence_of(directory: Path) -> PatchEvidence:
     return PatchEvidence(log=directory.name, sha256=digest.hexdigest())
 
 
-def applicability(log: RunLog) -> PatchRange:
+def patch_range(log: RunLog) -> PatchRange:
     """Range that a log covers."""
     joints = log.joints
     torque = joints.tau_est if joints.tau_est is not None else joints.tau_ff

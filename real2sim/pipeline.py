@@ -21,24 +21,30 @@ from saltus.real2sim.patch import (
     PatchEvidence,
     PatchRange,
     ProfilePatch,
-    applicability,
     evidence_of,
-    supported,
+    patch_range,
+    patchable_effects,
 )
-from saltus.real2sim.problem.log import in_sequence, load_rigs, model_of, quadruped_of, shifts_s
+from saltus.real2sim.problem.log import (
+    claimed_model,
+    in_sequence,
+    load_rigs,
+    quadruped_of,
+    shifts_s,
+)
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.progress import ComparisonProgress, ProgressListener
 from saltus.real2sim.results import Judgement, LogExamination, SensorResult
-from saltus.real2sim.screening.align import align
-from saltus.real2sim.screening.screen import screen
-from saltus.real2sim.search.search import search
+from saltus.real2sim.screening.align import clock_offsets
+from saltus.real2sim.screening.screen import screen_log
+from saltus.real2sim.search.search import search_effects
 from saltus.real2sim.sensors import SENSORS, Sensor
-from saltus.real2sim.stacked_problem import RebasedProblem, StackedProblem, stackable
-from saltus.real2sim.verdict import MissingData, Verdict, merge, without_ruled_out
+from saltus.real2sim.stacked_problem import RebasedProblem, StackedProblem, can_stack
+from saltus.real2sim.verdict import MissingData, Verdict, merge_findings, without_ruled_out
 from saltus.recordings.run_log import RunLog
 
 
-def find(
+def find_in_logs(
     runs: Sequence[Path],
     out: Path,
     *,
@@ -66,8 +72,8 @@ def find(
     """
     logs = load_rigs(runs)
     with _results_folder(out):
-        examinations = examine(logs, profile=profile, seed=seed, progress=progress)
-        judgement = judge(examinations, tuple(evidence_of(run) for run in runs), profile)
+        examinations = examine_logs(logs, profile=profile, seed=seed, progress=progress)
+        judgement = judge_logs(examinations, tuple(evidence_of(run) for run in runs), profile)
         texts: dict[str, str | None] = dict(_texts(judgement))
         texts["report.html"] = None  # a report of an earlier call would not belong to this verdict
         if report:
@@ -80,7 +86,7 @@ def find(
     return judgement
 
 
-def examine(
+def examine_logs(
     logs: Sequence[RunLog],
     *,
     profile: Profile = IDEAL,
@@ -91,14 +97,14 @@ def examine(
     """Screens logs of one robot, and searches each of its sensors for effects; one result a rig.
 
     If any log is damaged all come back with their faults, and nothing is searched. Arguments are as
-    in `find`; nothing is written.
+    in `find_in_logs`; nothing is written.
     """
     if progress is not None:
         progress("screen", 0.0)
     found = [_screened(log) for log in logs]
     if any(each.is_bad for each in found):
         return tuple(found)
-    found = [replace(each, offsets=align(each.log)) for each in found]
+    found = [replace(each, offsets=clock_offsets(each.log)) for each in found]
     posed = [sensor for sensor in sensors if not all(sensor.lacks(log) for log in logs)]
     shown = ComparisonProgress(progress, posed)
     for sensor in posed:
@@ -119,7 +125,7 @@ def examine(
 
 
 def _screened(log: RunLog) -> LogExamination:
-    examination = LogExamination(log=log, faults=tuple(screen(log)), untestable={})
+    examination = LogExamination(log=log, faults=tuple(screen_log(log)), untestable={})
     if examination.is_bad:  # a damaged log says nothing about its sensors
         return examination
     lacking = {sensor: why for sensor in SENSORS if (why := sensor.lacks(log))}
@@ -153,7 +159,7 @@ def _problems(
             Exception
         ) as error:  # whatever goes wrong with one sensor, the verdicts of the others stand
             found[i] = _failed(found[i], sensor, error)
-    if len(problems) > 1 and stackable(problems):
+    if len(problems) > 1 and can_stack(problems):
         return [(own, StackedProblem(problems, shifts_s([found[i].log for i in own])))]
     posed = []
     for i, problem in zip(own, problems, strict=True):
@@ -187,7 +193,7 @@ def _added(
     Without them where nothing was left to test them by.
     """
     try:
-        findings = sensor.finished(problem, search(problem, progress=progress, seed=seed))
+        findings = sensor.finished(problem, search_effects(problem, progress=progress, seed=seed))
     except Exception as error:  # as above
         return _failed(examination, sensor, error)
     if not findings.gaps:
@@ -223,7 +229,7 @@ def _posed(sensor: Sensor, log: RunLog, profile: Profile) -> Problem:
     return RebasedProblem(problem, profile)
 
 
-def judge(
+def judge_logs(
     examinations: tuple[LogExamination, ...],
     evidence: tuple[PatchEvidence, ...],
     profile: Profile = IDEAL,
@@ -236,7 +242,7 @@ def judge(
         text for each in examinations for text in (*(f.text for f in each.faults), *each.failures)
     ]
     if bad:
-        verdict = merge((), log_faults=remarks)
+        verdict = merge_findings((), log_faults=remarks)
     else:
         findings = without_ruled_out(
             [comparison.findings for each in examinations for comparison in each.comparisons]
@@ -248,7 +254,7 @@ def judge(
             )
         # without any test nothing is known: neither that the log agrees with the simulator, nor
         # what differs
-        verdict = merge(findings) if findings else Verdict(verdict="unexplained")
+        verdict = merge_findings(findings) if findings else Verdict(verdict="unexplained")
         brief = {sensor: why for each in examinations for sensor, why in each.brief.items()}
         missing = tuple(
             MissingData(sensor=s.name, why=brief[s.name], experiment=s.experiment)
@@ -269,14 +275,16 @@ def judge(
             verdict,
             untestable=untestable,
             next_experiment=next_experiment(
-                quadruped_of(model_of(examinations[0].log)), verdict.sets, rivals, rigs
+                quadruped_of(claimed_model(examinations[0].log)), verdict.sets, rivals, rigs
             ),
             minimum_detectable={
                 n: e for n, e in verdict.minimum_detectable.items() if math.isfinite(e.value)
             },
         )
     patch = ProfilePatch(
-        effects=supported(verdict.effects, profile), evidence=evidence, range=_range(examinations)
+        effects=patchable_effects(verdict.effects, profile),
+        evidence=evidence,
+        range=_range(examinations),
     )
     return Judgement(
         verdict=verdict, patch=patch, examinations=examinations, evidence=evidence, profile=profile
@@ -285,7 +293,7 @@ def judge(
 
 def _range(examinations: tuple[LogExamination, ...]) -> PatchRange:
     """The largest range that any of the logs covers."""
-    reaches = [vars(applicability(each.log)) for each in examinations if not each.is_bad]
+    reaches = [vars(patch_range(each.log)) for each in examinations if not each.is_bad]
     names = {name for reach in reaches for name in reach}
     farthest = {
         name: [reach[name] for reach in reaches if reach[name] is not None] for name in names

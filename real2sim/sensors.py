@@ -21,13 +21,13 @@ from saltus.real2sim.problem.imu import ImuProblem
 from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.problem.jumps.problem import JumpProblem
 from saltus.real2sim.problem.log import (
-    clocks,
     drive_torque,
     has_changing_gains,
     robot_of,
     rows_between,
     segments_of,
-    untold,
+    table_times,
+    why_commands_unknown,
 )
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.saturation_curve import with_curves
@@ -132,12 +132,12 @@ class Sensor:
 
 def _no_held_base(log: RunLog) -> str:
     if log.meta["base"] != "fixed":
-        jumps = not untold(log) and has_changing_gains(log) and not _no_free_base(log)
+        jumps = not why_commands_unknown(log) and has_changing_gains(log) and not _no_free_base(log)
         return (
             f"the base is not held: "
             f"{'see body' if jumps else 'what the ground does hides the joints'}"
         )
-    return untold(log) or (CHANGING_GAINS if has_changing_gains(log) else "")
+    return why_commands_unknown(log) or (CHANGING_GAINS if has_changing_gains(log) else "")
 
 
 def _no_images(log: RunLog) -> str:
@@ -151,8 +151,8 @@ def _no_free_base(log: RunLog) -> str:
         return "the base is held"
     if log.base is None:
         return "no measured pose of the base (base.csv)"
-    if untold(log):
-        return untold(log)
+    if why_commands_unknown(log):
+        return why_commands_unknown(log)
     if tuple(name.removesuffix("_joint") for name in log.meta["joints"]) != JOINTS:
         return (
             f"the joints are not {JOINTS[0]} to {JOINTS[-1]} in this order: "
@@ -218,7 +218,7 @@ def _covered_s(table: str) -> Callable[[RunLog], float]:
     """Seconds in segments that a table of a log covers."""
 
     def covered(log: RunLog) -> float:
-        time_s = clocks(log).get(table)
+        time_s = table_times(log).get(table)
         if time_s is None or not len(time_s):
             return 0.0
         first, last = float(time_s[0]), float(time_s[-1])

@@ -33,7 +33,7 @@ class StackedProblem(Problem):
     """One problem with the residuals of several.
 
     Args:
-        problems: Problems of one kind of sensor; see `stackable`.
+        problems: Problems of one kind of sensor; see `can_stack`.
         shifts_s: Seconds by which each clock is set later so that logs follow each other, shape
             (logs,).
     """
@@ -140,7 +140,7 @@ class StackedProblem(Problem):
         )
 
 
-def stackable(problems: Sequence[Problem]) -> bool:
+def can_stack(problems: Sequence[Problem]) -> bool:
     """True where the unknowns of all problems mean the same, so that they can be shared.
 
     They do not if they count from claims that differ, as a latency counts from the claimed one.

@@ -101,7 +101,7 @@ class Verdict:
         return json.dumps(self.to_dict())
 
 
-def merge(findings: Sequence[SearchFindings], log_faults: Sequence[str] = ()) -> Verdict:
+def merge_findings(findings: Sequence[SearchFindings], log_faults: Sequence[str] = ()) -> Verdict:
     """One verdict for a log from what was found for each kind of sensor.
 
     A damaged log gets no other ruling. An unexplained gap outweighs a set, and a set outweighs
@@ -221,7 +221,7 @@ def deviation(name: str, parameter: str, value: float) -> float:
     return abs(value - null) if isinstance(null, int | float) and math.isfinite(null) else math.nan
 
 
-def largest(name: str, rivals: Sequence[FoundEffect]) -> float:
+def largest_distance(name: str, rivals: Sequence[FoundEffect]) -> float:
     """Largest distance of the first parameter of an effect from null over all its places;
     NaN if unknown.
     """
@@ -250,4 +250,4 @@ def _rules_out(other: SearchFindings, name: str, of: SearchFindings) -> bool:
     would_show = (
         deviation(name, parameter, other.minimum_detectable[name].value) if parameter else math.nan
     )
-    return MARGIN * would_show <= largest(name, of.rivals)  # false if either is NaN
+    return MARGIN * would_show <= largest_distance(name, of.rivals)  # false if either is NaN

@@ -26,7 +26,7 @@ WIDTH, HEIGHT = 900, 430
 DrawingPoint = tuple[float, float]
 
 
-def drawing(bracket: Bracket) -> str:
+def bracket_svg(bracket: Bracket) -> str:
     """An SVG; all numbers in it are in millimetres."""
     parts = [
         *_side(bracket, (330.0, 330.0)),

@@ -106,7 +106,7 @@ class CameraCalibration:
     them, and the found."""
 
 
-def calibrate(path: Path) -> CameraCalibration:
+def calibrate_camera(path: Path) -> CameraCalibration:
     """Reads a recording (.mcap) of a robot that stands.
 
     Raises:
@@ -135,12 +135,12 @@ def standing_pairs(
     pairs = []
     for frame in frames if len(states) else ():
         state = states[int(np.abs(times - frame.time_ns).argmin())]
-        if abs(state.time_ns - frame.time_ns) <= 10_000_000 and stands(state):
+        if abs(state.time_ns - frame.time_ns) <= 10_000_000 and stands_on_all_feet(state):
             pairs.append((frame, state))
     return pairs
 
 
-def stands(state: RobotState) -> bool:
+def stands_on_all_feet(state: RobotState) -> bool:
     """True where a robot stands on all feet.
 
     By its rest where nobody says which feet stand, as in ROS.

@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 
 from saltus.render.calibrate import CameraCalibration
 from saltus.reports.figures import laid_out
-from saltus.reports.page import render, write_page
+from saltus.reports.page import render_page, write_page
 
 SHOWN = 4000  # points: more would hide each other
 CLAIMED, FOUND = "#d1495b", "#1f5fa8"
@@ -27,7 +27,7 @@ class PlaceRow:
     half_width_90: float
 
 
-def rows_of(found: CameraCalibration) -> list[PlaceRow]:
+def place_rows(found: CameraCalibration) -> list[PlaceRow]:
     """Pitch and roll [deg], height [mm]."""
     units, scales = (
         {"pitch": "deg", "roll": "deg", "height": "mm"},
@@ -62,5 +62,5 @@ def write_calibration_plot(found: CameraCalibration, path: Path) -> Path:
     margin = {"l": 60, "r": 20, "t": 30, "b": 50}
     x, y = "ahead of the trunk's centre [m]", "over the ground [cm]"
     laid_out(figure, 460, x=x, y=y, width=1000, margin=margin)
-    write_page(path, render(__file__, found=found, points=figure, rows=rows_of(found)))
+    write_page(path, render_page(__file__, found=found, points=figure, rows=place_rows(found)))
     return path

@@ -21,15 +21,15 @@ from saltus.render.preview import (
     DepthColours,
     ViewPoses,
     for_network,
-    poses,
-    settled,
-    views,
+    make_viewpoints,
+    settled_image,
+    view_poses,
 )
 from saltus.render.stereo.camera import StereoConfig
 from saltus.render.stereo.optics import StereoOptics
 from saltus.render.stereo_embree import StereoEmbree
 from saltus.reports.figures import GREEN, GREY, ORANGE, RED, ground_figure, laid_out
-from saltus.reports.page import render, write_page
+from saltus.reports.page import render_page, write_page
 from saltus.robots.robot import Robot
 from saltus.terrain.terrain import Terrain
 
@@ -73,7 +73,7 @@ def draw_camera(
     Raises:
         OSError: the file cannot be written.
     """
-    x, quaternion, joints = poses(terrain, views(robot)[:1])
+    x, quaternion, joints = view_poses(terrain, make_viewpoints(robot)[:1])
     pose = x[0], quaternion[0], joints[0]
     depth, network = _seen(robot, terrain, camera, pose)
     view, points = RobotCamera.on(robot), _points(grid, terrain, pose[0])
@@ -86,7 +86,7 @@ def draw_camera(
         visible=_visible(terrain, points, view, camera, pose),
     )
     scale = DepthColours.of([depth, network])
-    text = render(
+    text = render_page(
         __file__,
         name=camera.name,
         coverage=coverage,
@@ -110,7 +110,7 @@ def _seen(
     """
     optics = StereoOptics.behind(camera.image, camera)
     pair = StereoEmbree(terrain, optics, RobotCamera.on(robot, camera.image)).render_pair(*pose)
-    depth = camera.in_range(settled(StereoConfig.of(camera), optics, *pair))
+    depth = camera.in_range(settled_image(StereoConfig.of(camera), optics, *pair))
     return np.asarray(depth, np.float32), for_network(depth, camera.image)
 
 

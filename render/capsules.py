@@ -42,7 +42,7 @@ def draw_capsules(
         directions: of the pixels, of depth 1, shape (height, width, 3).
         intrinsics: of the camera.
     """
-    rows, columns, seen = windows(capsules, intrinsics)
+    rows, columns, seen = capsule_windows(capsules, intrinsics)
     image, k = np.nonzero(seen)
     quadrics = Quadrics.of(capsules.start[image, k], capsules.end[image, k], capsules.radius[k])
     x, y = (
@@ -146,7 +146,7 @@ def _dot(left: Floats, right: Floats) -> Floats:
     return left[0] * right[0] + left[1] * right[1] + left[2] * right[2]
 
 
-def windows(
+def capsule_windows(
     capsules: Capsules, intrinsics: Intrinsics
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
     """Where in an image capsules, in the camera frames, arrays of shape (n, capsules, 3), can be.

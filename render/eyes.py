@@ -14,7 +14,7 @@ from saltus.depth_camera import DepthCamera
 from saltus.effects.camera import CameraChain, CameraState
 from saltus.effects.signals import DepthImage
 from saltus.render.stereo.camera import StereoCamera, StereoState
-from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled
+from saltus.render.stereo.model_view import COLUMNS, ROWS, pool_valid
 
 SAMPLED = supersampled_model_camera(ROWS, COLUMNS)
 """Pixels of stereo cameras: some rays for each pixel of the model."""
@@ -89,7 +89,7 @@ class Eyes(Generic[Truth]):
         else:
             pair = self._renderer.pair(truth)
             matched, self._state = self._stereo.step(*pair, times, self._state)
-            depth = matched.depth if self._whole else pooled(matched.depth, ROWS, COLUMNS)
+            depth = matched.depth if self._whole else pool_valid(matched.depth, ROWS, COLUMNS)
         exposed = DepthImage(depth=self.camera.masked(depth), time_s=times)
         given, self._memory = self._chain.step(exposed, time_s, self._memory, self._fresh)
         self._fresh = None

@@ -12,7 +12,7 @@ from plotly.subplots import make_subplots
 from saltus.arrays import Floats, Reals
 from saltus.render.stereo.fit_baseline import edge_shadows, left_bands
 from saltus.render.stereo_fit import FitResult
-from saltus.reports.page import render, write_page
+from saltus.reports.page import render_page, write_page
 
 PlotCurve = tuple[Floats, Floats]
 """Points, each of shape (n,)."""
@@ -44,7 +44,7 @@ def write_fit_plot(result: FitResult, path: Path) -> Path:
     figure.update_layout(
         title=f"{result.scene.frames} frames at rest: measured (dots) and fitted model (lines)"
     )
-    write_page(path, render(__file__, plots=figure, found=vars(result.parameters)))
+    write_page(path, render_page(__file__, plots=figure, found=vars(result.parameters)))
     return path
 
 

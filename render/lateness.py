@@ -41,7 +41,7 @@ class Lateness:
     """Images that counted."""
 
 
-def lateness(
+def measure_lateness(
     frames: Sequence[DepthFrame], states: Sequence[RobotState], robot: Robot, place: CameraPlace
 ) -> Lateness:
     """Lateness by images and states of one robot that moves on level ground.

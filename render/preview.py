@@ -25,11 +25,11 @@ from saltus.render.stereo.camera import StereoCamera, StereoConfig
 from saltus.render.stereo.optics import StereoOptics
 from saltus.render.stereo_embree import StereoEmbree
 from saltus.reports.figures import BLUE, ground_figure, laid_out
-from saltus.reports.page import render, write_page
+from saltus.reports.page import render_page, write_page
 from saltus.reports.page_templates import data_url
 from saltus.robots.robot import Robot
 from saltus.rotations import quaternion_from_roll_pitch_yaw
-from saltus.sim.video import snapshots
+from saltus.sim.video import render_snapshots
 from saltus.terrain.terrain import Terrain
 
 Depth = NDArray[np.float32]
@@ -128,7 +128,7 @@ REACHING = np.array([0.8, -0.6, -0.95, -0.8, -0.6, -0.95])
 EFFECTS_VIEW = 3  # legs and terrain at different depths: every effect has something to act on
 
 
-def views(robot: Robot) -> tuple[Viewpoint, ...]:
+def make_viewpoints(robot: Robot) -> tuple[Viewpoint, ...]:
     """The poses from which a robot looks."""
     stand = robot.stand_pose
     ahead = np.clip(np.concatenate([REACHING, stand[6:]]), robot.joint_lower, robot.joint_upper)
@@ -155,8 +155,8 @@ def write_preview(robot: Robot, terrain: Terrain, camera: DepthCamera, path: Pat
     Raises:
         OSError: the file cannot be written.
     """
-    shown = views(robot)
-    robots, sensor = poses(terrain, shown), camera.matching
+    shown = make_viewpoints(robot)
+    robots, sensor = view_poses(terrain, shown), camera.matching
     wide = StereoEmbree(terrain, StereoOptics.behind(sensor, camera), RobotCamera.on(robot, sensor))
     depth, hidden = wide.render_pair_batch(*robots)
     narrow = EmbreeRenderer(terrain, RobotCamera.on(robot)).render_batch(*robots)
@@ -165,7 +165,7 @@ def write_preview(robot: Robot, terrain: Terrain, camera: DepthCamera, path: Pat
     stages = list(effect_stages(true, hidden[EFFECTS_VIEW], camera))
     reported = camera.in_range(stages[-1][2] if stages else true)
     robots_seen, trouble = _robots(robot, terrain, shown, robots)
-    text = render(
+    text = render_page(
         __file__,
         place=f"{terrain.kind.replace('_', ' ')}: {camera.name}",
         course=course_figure(terrain),
@@ -196,7 +196,7 @@ def course_figure(terrain: Terrain) -> go.Figure:
     return laid_out(figure, 330, x="x [m]", y="z [m]")
 
 
-def poses(terrain: Terrain, shown: Sequence[Viewpoint]) -> ViewPoses:
+def view_poses(terrain: Terrain, shown: Sequence[Viewpoint]) -> ViewPoses:
     """The robots of views: positions, quaternions, joints."""
     edge = terrain.first_edge_x if np.isfinite(terrain.first_edge_x) else 1.5
     x = np.array([edge - view.before_edge for view in shown])
@@ -223,14 +223,14 @@ def effect_stages(
     config, optics = StereoConfig.of(camera), StereoOptics.behind(camera.matching, camera)
     names = [effect.name for effect in config.effects if not effect.is_null()]
     for count in range(1, len(names) + 1):
-        stage = settled(config.only(names[:count]), optics, depth, hidden)
+        stage = settled_image(config.only(names[:count]), optics, depth, hidden)
         effect = next(effect for effect in config.effects if effect.name == names[count - 1])
         said = inspect.getdoc(type(effect)) or ""
         meaning = said.partition("\n\n")[0].replace("\n", " ").replace("`", "")
         yield names[count - 1].replace("_", " "), meaning, stage
 
 
-def settled(
+def settled_image(
     config: StereoConfig, optics: StereoOptics, depth: Depth, hidden: NDArray[np.bool_]
 ) -> Depth:
     """The image of a stereo camera that has stood still for a while [m].
@@ -288,7 +288,7 @@ def _robots(
         np.full((len(shown), _NO_HEIGHTS.size), np.nan),
     )
     try:
-        frames = snapshots(robot, terrain, pose, joints, _NO_HEIGHTS, none, size=ROBOT_SIZE)
+        frames = render_snapshots(robot, terrain, pose, joints, _NO_HEIGHTS, none, size=ROBOT_SIZE)
     except SaltusError as error:
         return [], str(error)
     sources = [_source(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR), ROBOT_QUALITY) for frame in frames]

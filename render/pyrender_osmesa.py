@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats
 from saltus.render._gl import gl_platform, load_pyrender
 from saltus.render.camera import RobotCamera, camera_pose
-from saltus.render.capsules import capsules_in_camera, windows
+from saltus.render.capsules import capsule_windows, capsules_in_camera
 from saltus.render.renderer import Renderer
 from saltus.render.terrain_mesh import terrain_triangles
 from saltus.robots.leg_shapes import Capsules
@@ -73,7 +73,7 @@ class PyrenderRenderer(Renderer):
         )
         eye = _pose(origin, rotation @ _GL_FROM_CAMERA)
         legs = self.legs.capsules(joint_position)
-        seen = windows(
+        seen = capsule_windows(
             capsules_in_camera(legs, self.mount.position, self.mount.rotation), self.intrinsics
         )[2]
         links = _link_poses(legs, base_position, base_quaternion)

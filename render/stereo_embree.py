@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats
 from saltus.depth import Intrinsics
 from saltus.render.camera import RobotCamera, camera_pose
-from saltus.render.capsules import Quadrics, capsules_in_camera, windows
+from saltus.render.capsules import Quadrics, capsule_windows, capsules_in_camera
 from saltus.render.embree import RAYS_PER_CAST, EmbreeRenderer, open3d
 from saltus.render.renderer import StereoRenderer, check_poses
 from saltus.render.stereo.optics import StereoOptics
@@ -204,7 +204,7 @@ class StereoEmbree(EmbreeRenderer, StereoRenderer):
         """
         camera = self.intrinsics
         wide = right_camera(camera, self.optics, NEAREST_POINT_M)
-        rows, columns, seen = windows(legs, wide)
+        rows, columns, seen = capsule_windows(legs, wide)
         image, k = np.nonzero(seen)
         tall = rows[image, k, 1] - rows[image, k, 0]
         # one line for each row of each window: its window, its row, and its place among all rows of

@@ -22,7 +22,7 @@ from saltus.render.stereo.fit_noise import (
     NoiseCurves,
     correlation_px,
     noise_curves,
-    persistence,
+    noise_persistence,
     range_exponent,
     sigma_inverse,
 )
@@ -31,9 +31,9 @@ from saltus.render.stereo.optics import BASELINE_M, StereoOptics
 from saltus.render.stereo.static_scene import (
     StaticScene,
     StereoEstimate,
-    measured,
     static_scene,
-    untestable,
+    stereo_estimate,
+    untestable_estimate,
 )
 from saltus.wire.messages import DepthFrame
 
@@ -157,7 +157,7 @@ def load_frames(path: Path) -> list[DepthFrame]:
     )
 
 
-def fit(frames: Sequence[DepthFrame]) -> FitResult:
+def fit_stereo(frames: Sequence[DepthFrame]) -> FitResult:
     """Fits the stereo camera to a recording.
 
     The focal length is taken from the frames. Noise gives sigma over f B, the comb of quantised
@@ -204,9 +204,11 @@ def _parameters(
         **noise,
         maximum_px=_maximum(scene, used),
         margin_px=margin,
-        hole_fraction=hole_fraction(edges) if scene.frames > 1 else untestable("one frame"),
+        hole_fraction=hole_fraction(edges)
+        if scene.frames > 1
+        else untestable_estimate("one frame"),
         reach_m=_reach(scene),
-        depth_unit_m=measured(scene.unit_m, 0.0, "stated by the recording"),
+        depth_unit_m=stereo_estimate(scene.unit_m, 0.0, "stated by the recording"),
     )
 
 
@@ -219,13 +221,13 @@ NEED_MANY_FRAMES = (
 def _of_noise(scene: StaticScene, curves: NoiseCurves | str) -> dict[str, StereoEstimate]:
     """Estimates of `NEED_MANY_FRAMES`."""
     if isinstance(curves, str):
-        return dict.fromkeys(NEED_MANY_FRAMES, untestable(curves))
+        return dict.fromkeys(NEED_MANY_FRAMES, untestable_estimate(curves))
     spread = curves.variance_inverse**0.5
     step = fit_step(scene, spread)
     found = (
         sigma_inverse(curves, scene, step), step, range_exponent(curves),
         correlation_px(curves, step),
-        persistence(curves, scene, step), flying_fraction(scene, spread),
+        noise_persistence(curves, scene, step), flying_fraction(scene, spread),
     )  # fmt: skip
     return dict(zip(NEED_MANY_FRAMES, found, strict=True))
 
@@ -237,7 +239,7 @@ def _scaled(estimate: StereoEstimate, factor: float, baseline: StereoEstimate) -
     relative = estimate.error / estimate.value
     if baseline.value is not None and baseline.error is not None:
         relative = (relative**2 + (baseline.error / baseline.value) ** 2) ** 0.5
-    return measured(estimate.value * factor, estimate.value * factor * relative)
+    return stereo_estimate(estimate.value * factor, estimate.value * factor * relative)
 
 
 def _noted(estimate: StereoEstimate, note: str) -> StereoEstimate:
@@ -246,7 +248,7 @@ def _noted(estimate: StereoEstimate, note: str) -> StereoEstimate:
 
 def _maximum(scene: StaticScene, baseline_m: float) -> StereoEstimate:
     largest = float(scene.median.max())
-    return untestable(
+    return untestable_estimate(
         f"the nearest surface, at {1.0 / largest:.2f} m, has a disparity of "
         f"{largest * scene.fx * baseline_m:.0f} px: "
         "nothing is so near that the search must fail"
@@ -255,7 +257,7 @@ def _maximum(scene: StaticScene, baseline_m: float) -> StereoEstimate:
 
 def _reach(scene: StaticScene) -> StereoEstimate:
     known = scene.median[scene.median > 0.0]
-    return untestable(
+    return untestable_estimate(
         f"the farthest surface is at {1.0 / float(known.min()):.1f} m: needs a matt wall, square "
         "on, from 5 m away on"
     )

@@ -258,14 +258,14 @@ def find_effects(
             written.
     """
     from saltus.effects.profile import load_profile
-    from saltus.real2sim.pipeline import find
+    from saltus.real2sim.pipeline import find_in_logs
     from saltus.real2sim.problem.log import robot_of_runs
     from saltus.recordings.run_log_export import as_run_log
 
     folder = Path(out)
     logs = [as_run_log(Path(run), folder / "logs" / Path(run).name) for run in runs]
     effects = load_profile(profile, robot_of_runs(logs))
-    return find(logs, folder, profile=effects, seed=seed, report=report, progress=progress)
+    return find_in_logs(logs, folder, profile=effects, seed=seed, report=report, progress=progress)
 
 
 def _nanoseconds(time_s: ArrayLike) -> list[int]:

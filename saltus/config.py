@@ -253,7 +253,7 @@ def from_table(kind: type[Config], table: Mapping[str, object], where: str = "")
     return kind(**values)
 
 
-def load(kind: type[Config], path: Path) -> Config:
+def load_config(kind: type[Config], path: Path) -> Config:
     """Reads a config dataclass, or a value in the form of its own, from a TOML file.
 
     Errors name the file.
@@ -267,10 +267,10 @@ def load_changes(config: Config, path: Path) -> Config:
 
     Errors name the file.
     """
-    return read_file(path, lambda text: changed(config, read_toml(text)))
+    return read_file(path, lambda text: with_changes(config, read_toml(text)))
 
 
-def changed(config: Config, table: Mapping[str, object], where: str = "") -> Config:
+def with_changes(config: Config, table: Mapping[str, object], where: str = "") -> Config:
     """A copy of a configuration with the entries of a table changed;
     raises what `from_toml` raises.
     """

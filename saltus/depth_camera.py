@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Array, Constant, namespace
-from saltus.config import TomlValue, changed, check_between, read_file, read_toml
+from saltus.config import TomlValue, check_between, read_file, read_toml, with_changes
 from saltus.depth import (
     BASELINE_M,
     D435I,
@@ -116,7 +116,7 @@ class DepthCamera(TomlValue):
         An image, and likewise a sensor, is named as a whole: width, height, and fx and fy or
         fov_deg (two angles [deg]); cx and cy are its centre where they are not given.
         """
-        return cast("Self", recorded(read_toml(text)))
+        return cast("Self", recorded_camera(read_toml(text)))
 
     @property
     def matching(self) -> Intrinsics:
@@ -125,7 +125,9 @@ class DepthCamera(TomlValue):
 
     @property
     def record(self) -> str | dict[str, Any]:
-        """Its name where it is shipped, else all of it as plain values; `recorded` reads it."""
+        """Its name where it is shipped, else all of it as plain values; `recorded_camera` reads
+        it.
+        """
         return self.name if SHIPPED.get(self.name) == self else read_toml(self.to_toml())
 
     @property
@@ -219,7 +221,7 @@ def load_camera(name_or_path: str) -> DepthCamera:
     return camera if camera.name != "d435i" else replace(camera, name=path.stem)
 
 
-def recorded(record: str | dict[str, object]) -> DepthCamera:
+def recorded_camera(record: str | dict[str, object]) -> DepthCamera:
     """The camera of `DepthCamera.record`; what a table does not name is as in d435i."""
     if isinstance(record, str):
         return SHIPPED[record]
@@ -229,7 +231,7 @@ def recorded(record: str | dict[str, object]) -> DepthCamera:
         if isinstance(view := record.get(table), dict)
     }
     base = SHIPPED["d435i"]
-    return changed(replace(base, sensor=None) if views else base, {**record, **views})
+    return with_changes(replace(base, sensor=None) if views else base, {**record, **views})
 
 
 def _whole(table: str, view: dict[str, Any]) -> dict[str, Any]:

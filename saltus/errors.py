@@ -55,7 +55,7 @@ def nearest_hint(name: str, choices: Iterable[str]) -> str:
     if close:
         is_sure = difflib.SequenceMatcher(None, close[0], name).ratio() >= _SURE
         return f"did you mean {' or '.join(repr(each) for each in close[: 1 if is_sure else 2])}?"
-    return f"choose one of: {shortened(known)}"
+    return f"choose one of: {shorten_names(known)}"
 
 
 def check_known(
@@ -78,7 +78,7 @@ def check_known(
         raise error(f"{what} '{within}{name}': {nearest_hint(name, known)}")
 
 
-def shortened(names: Iterable[str]) -> str:
+def shorten_names(names: Iterable[str]) -> str:
     """Names in a message: the first of them and how many more there are."""
     known = list(names)
     more = len(known) - _LISTED

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from saltus.errors import SaltusError
 
 
-def install(extra: str) -> str:
+def install_command(extra: str) -> str:
     """The command that brings the packages of an extra."""
     return f"pip install 'saltus[{extra}]'"
 
@@ -22,7 +22,7 @@ def packages_of(extra: str, what: str = "this") -> Iterator[None]:
     try:
         yield
     except ImportError as error:
-        raise SaltusError(f"{what} needs {error.name}: {install(extra)}") from error
+        raise SaltusError(f"{what} needs {error.name}: {install_command(extra)}") from error
 
 
 def check_package(package: str, extra: str, what: str) -> None:
@@ -33,5 +33,5 @@ def check_package(package: str, extra: str, what: str) -> None:
     """
     if importlib.util.find_spec(package) is None:
         raise SaltusError(
-            f"{what} the package '{package}', which is not installed: {install(extra)}"
+            f"{what} the package '{package}', which is not installed: {install_command(extra)}"
         )

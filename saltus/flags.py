@@ -14,7 +14,7 @@ Subcommands = Annotated[tyro.conf.OmitSubcommandPrefixes[Command], tyro.conf.arg
 `tyro.conf.subcommand`."""
 
 
-def shown(metavar: str, default: str) -> object:
+def flag_help(metavar: str, default: str) -> object:
     """Help of a flag that is None by default, for its annotation:
     what it takes, and what holds without it.
     """
@@ -37,7 +37,7 @@ class Runnable(Protocol):
 class EndpointOption:
     """Flag of a command that joins a run."""
 
-    endpoint: Annotated[str | None, shown("STR", "the one that the folder names")] = None
+    endpoint: Annotated[str | None, flag_help("STR", "the one that the folder names")] = None
     """Zenoh router, e.g. tcp/127.0.0.1:7447."""
 
 

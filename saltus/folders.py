@@ -33,7 +33,7 @@ class SettingDifference:
     now: object
 
 
-def differences(
+def setting_differences(
     before: Mapping[str, object], now: Mapping[str, object], where: str = ""
 ) -> Iterator[SettingDifference]:
     """Differences between two configurations, each as nested tables.
@@ -43,7 +43,7 @@ def differences(
     for name in (*now, *(name for name in before if name not in now)):
         left, right = before.get(name), now.get(name)
         if isinstance(left, Mapping) and isinstance(right, Mapping):
-            yield from differences(left, right, f"{where}{name}.")
+            yield from setting_differences(left, right, f"{where}{name}.")
         elif left != right:
             yield SettingDifference(name=f"{where}{name}", before=left, now=right)
 
@@ -69,7 +69,9 @@ def another_training(
 
     It says what differs.
     """
-    differs = ", ".join(f"{d.name} = {d.before}, not {d.now}" for d in differences(before, now))
+    differs = ", ".join(
+        f"{d.name} = {d.before}, not {d.now}" for d in setting_differences(before, now)
+    )
     return SaltusError(
         f"{checkpoint} is of another training ({differs or 'of the same configuration'}): go on "
         "from it with "

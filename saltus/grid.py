@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Constant, Places, Points, Scalars, namespace
-from saltus.config import TomlValue, load
+from saltus.config import TomlValue, load_config
 from saltus.errors import ConfigError, nearest_hint
 
 _ROUNDING_M = 1e-6
@@ -179,4 +179,4 @@ def load_grid(name_or_path: str) -> HeightGrid:
         raise ConfigError(
             f"no grid '{name_or_path}': {nearest_hint(name_or_path, GRIDS)}; or give a TOML file"
         )
-    return load(HeightGrid, path)
+    return load_config(HeightGrid, path)

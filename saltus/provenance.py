@@ -5,7 +5,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 
-def commit() -> str:
+def current_commit() -> str:
     """The commit of the checkout that runs, with "+" where files are changed.
 
     The version outside a checkout.

@@ -5,8 +5,8 @@ from pathlib import Path
 from saltus.errors import SaltusError
 
 
-def resource(name: str) -> Path:
-    """Path of a shipped file, e.g. `resource("models/heightmap.onnx")`; `SaltusError`
+def shipped_file(name: str) -> Path:
+    """Path of a shipped file, e.g. `shipped_file("models/heightmap.onnx")`; `SaltusError`
     where it is not installed.
     """
     package = Path(__file__).resolve().parent

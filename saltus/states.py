@@ -155,7 +155,7 @@ def states_of(
     )
 
 
-def state_message(
+def robot_state_message(
     states: Proprioception,
     robot: int | EllipsisType = ...,
     *,

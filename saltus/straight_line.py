@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from saltus.symbols import FUNCTIONS, Entry, Symbol, Symbols, forget, note
+from saltus.symbols import FUNCTIONS, Entry, Symbol, Symbols, begin_law, note_operation
 
 _LEAST_GUARDED = 8
 """Operations from which on a branch of its own is worth its test."""
@@ -47,7 +47,7 @@ def straight_line(law: Callable[..., object], *examples: object) -> Callable[...
         A function that takes and returns the same in numpy. Where floats have no result (division
         by zero, the sine of infinity), it raises `ArithmeticError` or `ValueError`.
     """
-    forget()
+    begin_law()
     reader = _Reader()
     arguments = [reader.read(example, f"a{number}") for number, example in enumerate(examples)]
     result = _Result(reader.paths)
@@ -87,7 +87,7 @@ class _Reader:
         if isinstance(example, np.ndarray | float):
             shape = np.shape(example)
             stem = path.translate({ord("."): "_", ord("["): "_", ord("]"): None})
-            names = [note("input", f"{stem}_{i}") for i in range(math.prod(shape))]
+            names = [note_operation("input", f"{stem}_{i}") for i in range(math.prod(shape))]
             if not isinstance(example, float):  # which is to come back as numpy's
                 self.paths[tuple(names)] = path
             self._read.append((path, shape, names))

@@ -35,12 +35,12 @@ class Symbol:
 _notes: dict[tuple[object, ...], Symbol] = {}
 
 
-def forget() -> None:
+def begin_law() -> None:
     """Begins a new law: symbols of one are not those of another."""
     _notes.clear()
 
 
-def note(operation: str, *arguments: object) -> Symbol:
+def note_operation(operation: str, *arguments: object) -> Symbol:
     """The symbol of an operation on entries; it comes after all that were noted before."""
     key = (operation, *(a.number if isinstance(a, Symbol) else ("constant", a) for a in arguments))
     found = _notes.get(key)
@@ -55,8 +55,8 @@ def _add(a: Entry, b: Entry) -> Entry:
     if not isinstance(a, Symbol):
         a, b = b, a
     if not isinstance(b, Symbol):
-        return a if b == 0.0 else note("add", a, b)
-    return note("add", a, b)
+        return a if b == 0.0 else note_operation("add", a, b)
+    return note_operation("add", a, b)
 
 
 def _subtract(a: Entry, b: Entry) -> Entry:
@@ -64,7 +64,7 @@ def _subtract(a: Entry, b: Entry) -> Entry:
         return _add(a, -b)
     if not isinstance(a, Symbol) and a == 0.0:
         return _negative(b)
-    return note("subtract", a, b)
+    return note_operation("subtract", a, b)
 
 
 def _multiply(a: Entry, b: Entry) -> Entry:
@@ -75,8 +75,12 @@ def _multiply(a: Entry, b: Entry) -> Entry:
     if not isinstance(a, Symbol) or not isinstance(b, Symbol):
         if b in (1.0, -1.0):
             return a if b == 1.0 else _negative(a)
-        return 0.0 if b == 0.0 else note("multiply", a, b)
-    return note("multiply", a, b) if a.number < b.number else note("multiply", b, a)
+        return 0.0 if b == 0.0 else note_operation("multiply", a, b)
+    return (
+        note_operation("multiply", a, b)
+        if a.number < b.number
+        else note_operation("multiply", b, a)
+    )
 
 
 def _divide(a: Entry, b: Entry) -> Entry:
@@ -84,22 +88,28 @@ def _divide(a: Entry, b: Entry) -> Entry:
         return a / b
     if not isinstance(a, Symbol) and a == 0.0:
         return 0.0
-    return note("divide", a, b)
+    return note_operation("divide", a, b)
 
 
 def _negative(a: Entry) -> Entry:
     if not isinstance(a, Symbol):
         return -a
-    return a.arguments[0] if a.operation == "negative" else note("negative", a)
+    return a.arguments[0] if a.operation == "negative" else note_operation("negative", a)
 
 
 def _less(a: Entry, b: Entry) -> Entry:
-    return note("less", a, b) if isinstance(a, Symbol) or isinstance(b, Symbol) else bool(a < b)
+    return (
+        note_operation("less", a, b)
+        if isinstance(a, Symbol) or isinstance(b, Symbol)
+        else bool(a < b)
+    )
 
 
 def _less_equal(a: Entry, b: Entry) -> Entry:
     return (
-        note("less_equal", a, b) if isinstance(a, Symbol) or isinstance(b, Symbol) else bool(a <= b)
+        note_operation("less_equal", a, b)
+        if isinstance(a, Symbol) or isinstance(b, Symbol)
+        else bool(a <= b)
     )
 
 
@@ -107,32 +117,40 @@ def _and(a: Entry, b: Entry) -> Entry:
     for one, other in ((a, b), (b, a)):
         if not isinstance(one, Symbol):
             return other if one else False
-    return a if a is b else note("and", a, b)
+    return a if a is b else note_operation("and", a, b)
 
 
 def _or(a: Entry, b: Entry) -> Entry:
     for one, other in ((a, b), (b, a)):
         if not isinstance(one, Symbol):
             return True if one else other
-    return a if a is b else note("or", a, b)
+    return a if a is b else note_operation("or", a, b)
 
 
 def _not(a: Entry) -> Entry:
-    return note("not", a) if isinstance(a, Symbol) else not a
+    return note_operation("not", a) if isinstance(a, Symbol) else not a
 
 
 def _minimum(a: Entry, b: Entry) -> Entry:
     for one, other in ((a, b), (b, a)):
         if not isinstance(one, Symbol) and one == math.inf:
             return other
-    return note("minimum", a, b) if isinstance(a, Symbol) or isinstance(b, Symbol) else min(a, b)
+    return (
+        note_operation("minimum", a, b)
+        if isinstance(a, Symbol) or isinstance(b, Symbol)
+        else min(a, b)
+    )
 
 
 def _maximum(a: Entry, b: Entry) -> Entry:
     for one, other in ((a, b), (b, a)):
         if not isinstance(one, Symbol) and one == -math.inf:
             return other
-    return note("maximum", a, b) if isinstance(a, Symbol) or isinstance(b, Symbol) else max(a, b)
+    return (
+        note_operation("maximum", a, b)
+        if isinstance(a, Symbol) or isinstance(b, Symbol)
+        else max(a, b)
+    )
 
 
 def _where(condition: Entry, a: Entry, b: Entry) -> Entry:
@@ -140,13 +158,13 @@ def _where(condition: Entry, a: Entry, b: Entry) -> Entry:
         return a if condition else b
     if a is b or (not isinstance(a, Symbol) and not isinstance(b, Symbol) and a == b):
         return a
-    return note("where", condition, a, b)
+    return note_operation("where", condition, a, b)
 
 
 def _function(name: str) -> Callable[..., "Symbols"]:
     def noted(*arguments: Entry) -> Entry:
         if any(isinstance(a, Symbol) for a in arguments):
-            return note(name, *arguments)
+            return note_operation(name, *arguments)
         return float(known(*arguments))
 
     known: Callable[..., float] = _ROUND.get(name) or getattr(math, name)
@@ -283,5 +301,5 @@ def noted_call(function: Callable[..., Sequence[float]], arguments: Symbols, cou
         arguments: Of any shape.
         count: Number of floats that it returns.
     """
-    result = note("call", function, *arguments.entries.reshape(-1))
-    return Symbols([note("item", result, index) for index in range(count)])
+    result = note_operation("call", function, *arguments.entries.reshape(-1))
+    return Symbols([note_operation("item", result, index) for index in range(count)])

@@ -90,7 +90,7 @@ class Trial(TomlValue):
         camera = drawn_around(
             profile.camera, latency_s=self.camera_delay_s, jitter_s=self.camera_jitter_s
         )
-        drives = strengthened(profile.actuator, self.motor_strength)
+        drives = strengthen_drives(profile.actuator, self.motor_strength)
         return replace(profile, actuator=drives, camera=camera)
 
     def height_shift(self, profile: Profile) -> Floats:
@@ -101,7 +101,7 @@ class Trial(TomlValue):
         return shift.init((), np.random.default_rng((self.seed, _SHIFT)))
 
 
-def strengthened(drives: Effects, strength: float | Floats) -> Effects:
+def strengthen_drives(drives: Effects, strength: float | Floats) -> Effects:
     """Effects of drives whose torque gain is multiplied.
 
     Strengths of robots that differ have the shape (n, 1).

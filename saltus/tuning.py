@@ -9,7 +9,7 @@ Each is worth this, without it and with it:
 | `switch_soon` | median age of a dated message (2) | 5.2 ms | 0.9 ms | bench tuning |
 | `keep_thread` | work for each message that comes | 44 us | 34 us | bench tuning |
 | `stand_back` | p99 of the ages of heights, by a page (3) | not measured | +4, +5 % | bench watch |
-| `freeze` | pause of a full collection, controller | 33 ms | 0 | bench tuning |
+| `freeze_garbage_collector` | pause of a full collection, controller | 33 ms | 0 | bench tuning |
 
 (1) with `prefer_process` and `prefer_loop`, on one core. (2) beside a thread that computes. (3) that
 shows the run.
@@ -182,7 +182,7 @@ def keep_thread() -> None:
         ctypes.pythonapi.PyGILState_Ensure()  # never released
 
 
-def freeze() -> None:
+def freeze_garbage_collector() -> None:
     """Spares the collector what was loaded so far and lives on:
     it need not look at it in the middle of a tick.
     """

@@ -6,7 +6,7 @@ from typing import Final, Literal
 
 from saltus.config import UNNAMED, RunConfig
 from saltus.errors import ConfigError, ModelError
-from saltus.resources import resource
+from saltus.resources import shipped_file
 
 ModelKind = Literal["heightmap", "policy", "scan"]
 MODEL_ID_DIGITS = 16
@@ -38,7 +38,7 @@ def model_path(
     if given is not None or (kind == "heightmap" and robot != UNNAMED["robot"]):
         kind = SCAN
     name = POLICIES.get(robot, kind) if kind == "policy" else kind
-    return resource(f"models/{name}.onnx")
+    return shipped_file(f"models/{name}.onnx")
 
 
 def walking_path(robot: str, given: str | Path | None = None) -> Path:
@@ -59,7 +59,7 @@ def walking_path(robot: str, given: str | Path | None = None) -> Path:
             f"are shipped for {' and '.join(WALKS)}, none for '{robot}'; "
             "saltus policy walk train makes one"
         )
-    return resource(f"models/walk_{robot}.onnx")
+    return shipped_file(f"models/walk_{robot}.onnx")
 
 
 def model_id(data: bytes) -> str:
@@ -67,7 +67,7 @@ def model_id(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()[:MODEL_ID_DIGITS]
 
 
-def models_of(run: RunConfig) -> dict[str, str]:
+def network_names(run: RunConfig) -> dict[str, str]:
     """Name of each network that a run begins with, by its kind.
 
     Raises:

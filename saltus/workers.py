@@ -20,10 +20,10 @@ MOST_PROCESSES = 4096  # twice as many cores as the largest computers have
 WorkerListener = Callable[[float], None]
 """Told how much further a task is, in whatever unit."""
 _listener: list[WorkerListener] = []
-"""Listener of this process: none, or the one that `tell` tells."""
+"""Listener of this process: none, or the one that `tell_progress` tells."""
 
 
-def tell(amount: float) -> None:
+def tell_progress(amount: float) -> None:
     """Tells whoever waits for the task that calls this how much further it is.
 
     Does nothing where nobody listens.
@@ -49,7 +49,7 @@ def in_order(
         function: Can be sent to another process where `processes` is not 1.
         tasks: Its arguments.
         processes: How many; one for each core if it is not stated. 1 runs everything here.
-        listener: Gets what tasks `tell`, in a thread of its own.
+        listener: Gets what tasks `tell_progress`, in a thread of its own.
 
     Raises:
         ConfigError: see `check_processes`.

@@ -17,7 +17,7 @@ from saltus.recordings.recording import Recording, read_recording
 from saltus.runtime.process import ProcessContext
 from saltus.runtime.programs import OPERATOR as OPERATED
 from saltus.runtime.programs import PROGRAMS
-from saltus.runtime.replay import body_of, replay
+from saltus.runtime.replay import body_of, replay_process
 from saltus.wire import codec
 from saltus.wire.bus import Publisher
 from saltus.wire.messages import OPERATOR, DriveCommand, Event, RobotState
@@ -42,7 +42,7 @@ class OperatedHub(MemoryHub):
     def inject(self, key: str, payload: bytes, attachment: bytes) -> None:
         """See `MemoryHub.inject`."""
         if self._driver is not None and key.endswith("/controller/state"):
-            command = self._driver(codec.decode(RobotState, payload))
+            command = self._driver(codec.decode_message(RobotState, payload))
             if self._commands is None:
                 bus = MemoryBus(key.removesuffix("/controller/state"), self)
                 self._commands = bus.publisher("operator/command")
@@ -87,7 +87,7 @@ def recorded_run(
 def compared(recording: Recording, name: str, config: RunConfig | None = None) -> AnswerComparison:
     """Answers of a process that is fed a recording again, beside those of the recording."""
     comparison = AnswerComparison(recording, name)
-    replay(name, recording, lambda answer: comparison.take(*answer), config=config)
+    replay_process(name, recording, lambda answer: comparison.take(*answer), config=config)
     comparison.finish()
     return comparison
 

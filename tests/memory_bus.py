@@ -81,11 +81,11 @@ class MemoryPublisher:
     def put(self, message: Message) -> None:
         """Encodes and delivers, unless its bus is muted.
 
-        Raises as `saltus.wire.codec.encode` does.
+        Raises as `saltus.wire.codec.encode_message` does.
         """
         if self._bus.muted:
             return
-        payload = codec.encode(message)
+        payload = codec.encode_message(message)
         self._sequence += 1
         envelope = Envelope(self._sequence, message.time_ns, self._bus.boot_id)
         self._bus.hub.inject(self._key, payload, envelope.to_bytes())

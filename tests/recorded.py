@@ -110,7 +110,10 @@ def run_messages(step: int) -> Iterator[tuple[str, Message]]:
 def raw(key: str, message: Message, sequence: int, epoch_ns: int = 0) -> RawSample:
     envelope = Envelope(sequence, message.time_ns, SENDER)
     return RawSample(
-        key, codec.encode(message), envelope.to_bytes(), epoch_ns + message.time_ns + LATENCY_NS
+        key,
+        codec.encode_message(message),
+        envelope.to_bytes(),
+        epoch_ns + message.time_ns + LATENCY_NS,
     )
 
 

@@ -16,7 +16,7 @@ from saltus import rotations
 from saltus.arrays import namespace
 from saltus.controller.braking import Braking
 from saltus.controller.estimator import Estimator
-from saltus.controller.gait import standing
+from saltus.controller.gait import standing_gait
 from saltus.controller.leg_controller import LegController
 from saltus.controller.stance_batched import BatchedSolver
 from saltus.controller.yaw_frame import reference_of
@@ -98,7 +98,7 @@ def control(batch: tuple[int, ...], like: Any, quaternion: Any, drawn: Any) -> N
         Braking(ROBOT),
     )
     state, estimate = law.init(batch, like), estimator.init(batch, like)
-    schedule = standing(batch, like)
+    schedule = standing_gait(batch, like)
     joints = xp.asarray(ROBOT.stand_pose, dtype=like.dtype) + drawn(12)
     measured = SensorArrays(
         quaternion_base_in_world=quaternion, angular_velocity_base=drawn(3),

@@ -15,7 +15,7 @@ import numpy as np
 import onnx
 from onnx import TensorProto, external_data_helper, helper, numpy_helper
 
-from saltus.resources import resource
+from saltus.resources import shipped_file
 
 INSIDE = "save_as_external_data=False"
 """In the line that refuses weights in a second file."""
@@ -36,7 +36,7 @@ def strange_models(kind: str, folder: Path) -> Iterator[Strange]:
     for (name, refusal), change in CHANGES.items():
         place = folder / kind / name.replace(" ", "_")
         place.mkdir(parents=True)
-        model = onnx.load(resource(f"models/{kind}.onnx"))
+        model = onnx.load(shipped_file(f"models/{kind}.onnx"))
         written = change(model, place)
         path = place / f"{kind}.onnx"
         path.write_bytes(model.SerializeToString() if written is None else written)

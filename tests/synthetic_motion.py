@@ -16,7 +16,7 @@ from saltus.depth_camera import SHIPPED
 from saltus.grid import LINE
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.randomisation import random_mount
-from saltus.heightmap.data.rollouts import RobotTrajectory, filmed
+from saltus.heightmap.data.rollouts import RobotTrajectory, film_robots
 from saltus.heightmap.service.proprioception_vector import proprioception_of_states
 from saltus.render.camera import RobotCamera
 from saltus.terrain.curriculum import make_terrain
@@ -45,7 +45,7 @@ def gliding_episodes(
             replace(RobotCamera.on(ROBOT), mount=random_mount(ROBOT, rng)),
             SHIPPED["ideal"],
         )
-        yield from filmed([trajectory], [view], camera, PROFILE, LINE, rng)
+        yield from film_robots([trajectory], [view], camera, PROFILE, LINE, rng)
 
 
 def _trajectory(rng: np.random.Generator, ticks: int, kind: str) -> RobotTrajectory:

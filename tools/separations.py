@@ -10,7 +10,7 @@ import json
 import sys
 
 from saltus.real2sim.experiments.menu import EXPERIMENTS, SEPARATIONS
-from saltus.real2sim.experiments.next_experiment import measure
+from saltus.real2sim.experiments.next_experiment import measure_separations
 from saltus.robots.loading import reference_robot
 
 
@@ -23,7 +23,7 @@ def main(names: list[str]) -> None:
         else {}
     )
     for name in names or list(EXPERIMENTS):
-        measured[name] = measure(EXPERIMENTS[name], robot)
+        measured[name] = measure_separations(EXPERIMENTS[name], robot)
         kept = {known: measured[known] for known in EXPERIMENTS if known in measured}
         SEPARATIONS.write_text(table(kept), encoding="utf-8")
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import torch
 
 from saltus.files import atomic_write
-from saltus.policy.training.checkpoint import read_checkpoint, write_checkpoint
+from saltus.policy.training.checkpoint import read_policy_checkpoint, write_checkpoint
 
 MOMENTS = ("exp_avg", "exp_avg_sq")
 
@@ -36,7 +36,7 @@ def main() -> None:
     parser.add_argument("checkpoint", type=Path)
     parser.add_argument("shipped", type=Path)
     arguments = parser.parse_args()
-    state = read_checkpoint(arguments.checkpoint)
+    state = read_policy_checkpoint(arguments.checkpoint)
     for moments in state["optimizer_state_dict"]["state"].values():
         for name in MOMENTS:
             moments[name] = moments[name].to(torch.bfloat16)

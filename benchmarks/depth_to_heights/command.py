@@ -30,7 +30,7 @@ from benchmarks.depth_to_heights.split import RUNS, WORK, batches, make_batch, p
 from saltus.cli.heightmap_measures import COLUMNS
 from saltus.cli.output import table_lines
 from saltus.errors import ConfigError, nearest_hint
-from saltus.flags import Flag, shown
+from saltus.flags import Flag, flag_help
 from saltus.heightmap.evaluation.held_out import HeldOutPrediction
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.robots.loading import load_robot
@@ -43,7 +43,7 @@ SPLIT = Path("runs/depth_to_heights")
 
 @dataclass(frozen=True, kw_only=True)
 class _Part:
-    processes: Annotated[int | None, shown("INT", "one for each core")] = None
+    processes: Annotated[int | None, flag_help("INT", "one for each core")] = None
     """Number of processes that share the work. The numbers do not depend on it."""
     json: Flag = False
     """Print the result as one JSON object on the last line."""
@@ -57,7 +57,7 @@ class Make(_Part):
 
     out: Path = SPLIT
     """Folder to make."""
-    runs: Annotated[int | None, shown("INT", "all")] = None
+    runs: Annotated[int | None, flag_help("INT", "all")] = None
     """Only the first so many, for a try: what is scored on them is no row of the table."""
 
     def measure(self) -> dict[str, Any]:
@@ -81,17 +81,17 @@ class Score(_Part):
     metres. Behind +- is half of the 90 % interval of a figure, over choices of the runs.
     """
 
-    predictions: Annotated[Positional[tuple[Path, ...]], shown("FILE ...", "none")] = ()
+    predictions: Annotated[Positional[tuple[Path, ...]], flag_help("FILE ...", "none")] = ()
     """Files of predictions."""
     split: Path = SPLIT
     """Folder of the split."""
     baselines: Annotated[
-        tuple[str, ...] | None, shown("NAME ...", "all, where nothing else is to be scored")
+        tuple[str, ...] | None, flag_help("NAME ...", "all, where nothing else is to be scored")
     ] = None
     """flat: ground as high as the feet. newest: the newest image deprojected. geometric: those of
     2 s, by the robot's odometry. geometric-feet: the same, moved to the standing feet. network: the
     shipped model."""
-    heightmap_model: Annotated[Path | None, shown("PATH", "none")] = None
+    heightmap_model: Annotated[Path | None, flag_help("PATH", "none")] = None
     """ONNX file of a network that Saltus trained."""
 
     def measure(self) -> dict[str, Any]:

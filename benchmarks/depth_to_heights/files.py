@@ -30,9 +30,9 @@ from saltus.errors import SaltusError
 from saltus.files import whole_folder
 from saltus.folders import ask_for_room
 from saltus.grid import LINE
-from saltus.heightmap.data.export_columns import columns_of, nested
+from saltus.heightmap.data.export_columns import columns_of, nested_lists
 from saltus.heightmap.evaluation.held_out import HeldOutPrediction
-from saltus.provenance import commit
+from saltus.provenance import current_commit
 
 INPUTS, TRUTH, SPLIT = "inputs.parquet", "truth.parquet", "split.json"
 RUN, STEP = "episode_index", "frame_index"
@@ -99,7 +99,7 @@ def write_split(
         split = StoredSplit(
             folder=folder, version=VERSION, runs=len(truths), definition=definition(plans),
             truth=truth_digest(truths),
-            inputs=_sha256(partial / INPUTS), commit=commit(),
+            inputs=_sha256(partial / INPUTS), commit=current_commit(),
         )  # fmt: skip
         known = {name: value for name, value in vars(split).items() if name != "folder"}
         (partial / SPLIT).write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
@@ -328,7 +328,9 @@ def _truth_table(run: int, truth: Truth) -> pa.Table:
 
 
 def _table(columns: dict[str, NDArray[Any]], schema: pa.Schema) -> pa.Table:
-    return pa.table([nested(columns[field.name], field.type) for field in schema], schema=schema)
+    return pa.table(
+        [nested_lists(columns[field.name], field.type) for field in schema], schema=schema
+    )
 
 
 def _sha256(path: Path) -> str:

@@ -23,7 +23,7 @@ from saltus.heightmap.service.service import HeightmapService
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.robots.shipped import DEFAULT_ROBOT
-from saltus.states import ProprioceptionArrays, state_message
+from saltus.states import ProprioceptionArrays, robot_state_message
 from saltus.wire.messages import ControllerMode, DepthFrame, Heightmap, HeightmapStatus, RobotState
 
 
@@ -99,6 +99,6 @@ def _states(inputs: Inputs) -> list[RobotState]:
         **inputs.robot, step=0, leg_progress=np.zeros((steps, 4)), cycle=np.zeros(steps, np.int64)
     )
     return [
-        state_message(states, step, time_ns=step_ns(step), step=step, mode=ControllerMode.RUN)
+        robot_state_message(states, step, time_ns=step_ns(step), step=step, mode=ControllerMode.RUN)
         for step in range(steps)
     ]

@@ -10,7 +10,7 @@ from benchmarks.depth_to_heights.split import Truth
 from saltus.arrays import Floats
 from saltus.grid import HEIGHTMAP_X
 from saltus.heightmap.evaluation.held_out import HeldOutPrediction
-from saltus.heightmap.evaluation.scores import FIGURES, mean_of, totals
+from saltus.heightmap.evaluation.scores import FIGURES, mean_of, score_totals
 from saltus.loop.loop import STAND_STEPS
 
 LEAST_HALF_WIDTH_M = 1e-3
@@ -67,7 +67,7 @@ def _judged(truth: Truth, said: HeldOutPrediction) -> Floats:
     counted = slice(STAND_STEPS, None)
     width = np.maximum(said.half_width_90[counted], LEAST_HALF_WIDTH_M)
     prediction = HeldOutPrediction(height=said.height[counted], half_width_90=width)
-    return totals(
+    return score_totals(
         HEIGHTMAP_X, truth.height[counted].astype(np.float64), truth.view[counted], prediction
     )
 

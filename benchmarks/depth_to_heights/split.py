@@ -25,7 +25,7 @@ from saltus.heightmap.data.arriving_images import LateImages
 from saltus.heightmap.data.delivery import TICK_S, TRAINING
 from saltus.heightmap.data.export_columns import NO_IMAGE_S
 from saltus.heightmap.data.robot_cameras import robot_cameras
-from saltus.heightmap.evaluation.held_out import course
+from saltus.heightmap.evaluation.held_out import held_out_course
 from saltus.heightmap.evaluation.visibility import visibility
 from saltus.heightmap.service.proprioception_vector import proprioception_of_states
 from saltus.loop.heights import true_heights
@@ -44,7 +44,7 @@ from saltus.states import ProprioceptionArrays
 from saltus.terrain.curriculum import FAMILIES, make_terrain
 from saltus.trial import Trial
 from saltus.used_networks import model_id, model_path
-from saltus.workers import tell
+from saltus.workers import tell_progress
 
 VERSION = 2
 """Version of the split. Whoever changes what a definition says makes another: rows of two versions
@@ -151,7 +151,7 @@ def batches(plans: Sequence[RunPlan]) -> list[Sequence[RunPlan]]:
 
 
 WORK = math.ceil(TIME_LIMIT_S / TICK_S) + 2
-"""Count that `make_batch` tells, see `saltus.workers.tell`: its steps."""
+"""Count that `make_batch` tells, see `saltus.workers.tell_progress`: its steps."""
 
 
 def make_batch(batch: Sequence[RunPlan]) -> list[SplitRun]:
@@ -169,8 +169,8 @@ def make_batch(batch: Sequence[RunPlan]) -> list[SplitRun]:
         late.step(eyes.expose(step.truth, now.step, fresh), now.time_s, fresh)
         steps.append(step)
         images.append(late.in_hand)
-        tell(1)
-    tell(WORK - len(steps))
+        tell_progress(1)
+    tell_progress(WORK - len(steps))
     made = []
     for number, terrain in enumerate(terrains):
         count = sum(bool(step.running[number]) for step in steps)
@@ -196,7 +196,7 @@ def _batch(number: int) -> list[RunPlan]:
     rng = np.random.default_rng(np.random.SeedSequence(FIRST_SEED, spawn_key=(VERSION, number)))
     made = []
     for i in range(ROBOTS):
-        level, terrain = course(rng, i, tuple(FAMILIES))
+        level, terrain = held_out_course(rng, i, tuple(FAMILIES))
         made.append(
             RunPlan(
                 terrain=terrain,

@@ -18,7 +18,7 @@ from saltus.controller.robot.unitree.link import (
     ArrivedMessage,
 )
 from saltus.controller.robot.unitree.listening import PreflightCheck
-from saltus.controller.robot.unitree.preflight import preflight
+from saltus.controller.robot.unitree.preflight import run_preflight
 from saltus.controller.robot.unitree.robot import UnitreeRobot
 from saltus.controller.robot.unitree.simulated import SimulatedUnitree
 from saltus.controller.tick import CompiledTickLaw
@@ -145,4 +145,4 @@ def checks(wire: Wire, *, stands: bool = False) -> list[PreflightCheck]:
         wire.tick()
         return wire.elapsed_s()
 
-    return preflight(wire, ROBOT, wire, wait, stands=stands)  # type: ignore[arg-type]
+    return run_preflight(wire, ROBOT, wire, wait, stands=stands)  # type: ignore[arg-type]

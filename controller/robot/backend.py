@@ -78,7 +78,7 @@ class CourseRobot(RobotBackend):
         """Pushes the trunk along the world's y from now on [N]; 0 ends it."""
 
 
-def true_heights(
+def true_grid_heights(
     terrain: Terrain, grid: HeightGrid, position: Floats, quaternion: Floats
 ) -> Floats:
     """True heights of a grid around a robot, relative to its base [m], shape (points,)."""

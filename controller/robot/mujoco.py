@@ -3,7 +3,7 @@
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.controller.robot.backend import CourseRobot, RobotReading, true_heights
+from saltus.controller.robot.backend import CourseRobot, RobotReading, true_grid_heights
 from saltus.joint_command import JointCommand
 from saltus.setup import Setup
 from saltus.sim.plant import Plant
@@ -84,5 +84,5 @@ class MujocoRobot(CourseRobot):
             foot_force=state.foot_force,
             x=self._x,
             y=self._y,
-            height=true_heights(self.terrain, self._grid, position, quaternion),
+            height=true_grid_heights(self.terrain, self._grid, position, quaternion),
         )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Array, namespace
 from saltus.effects.camera import CameraChain, CameraState
-from saltus.effects.signals import DepthImage, chosen, nothing_yet
+from saltus.effects.signals import DepthImage, choose_images, nothing_yet
 
 
 class LateImages:
@@ -39,7 +39,7 @@ class LateImages:
             Whose image in hand has just come, bool, shape (n,).
         """
         now, before_s = self._exposed, self.in_hand.time_s
-        self._exposed = chosen(fresh, nothing_yet(now), now) if exposed is None else exposed
+        self._exposed = choose_images(fresh, nothing_yet(now), now) if exposed is None else exposed
         self.in_hand, self._state = self._chain.step(self._exposed, time_s, self._state, fresh)
         return self.in_hand.time_s > namespace(before_s).where(fresh, -math.inf, before_s)
 

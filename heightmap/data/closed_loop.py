@@ -18,10 +18,10 @@ from saltus.effects.profile import SHIPPED
 from saltus.effects.signal_chain import chosen_of
 from saltus.grid import HeightGrid
 from saltus.heightmap.data.delivery import TRAINING
-from saltus.heightmap.data.episode import Episode, runs
+from saltus.heightmap.data.episode import Episode, uninterrupted_spans
 from saltus.heightmap.data.predicted import PredictedHeights
-from saltus.heightmap.data.randomisation import RHYTHM, SPEED, random_mount, varied
-from saltus.heightmap.data.rollouts import RobotTrajectory, filmed
+from saltus.heightmap.data.randomisation import RHYTHM, SPEED, random_mount, vary_planner
+from saltus.heightmap.data.rollouts import RobotTrajectory, film_robots
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.proprioception_vector import proprioception_of_states
 from saltus.heightmap.settings import ClosedLoop
@@ -41,7 +41,7 @@ from saltus.terrain.course_law import PAPER
 from saltus.terrain.curriculum import FAMILIES, make_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
-from saltus.workers import tell
+from saltus.workers import tell_progress
 
 
 def closed_loop_episodes(
@@ -52,7 +52,7 @@ def closed_loop_episodes(
     It follows from its key (seed, round, number), predictor and profile alone, wherever it is run.
 
     Without a predictor robots go by true heights, shifted as each trial says. Each of their steps
-    is told, see `saltus.workers.tell`.
+    is told, see `saltus.workers.tell_progress`.
     """
     rng = np.random.default_rng(key)
     kinds = loop.terrains
@@ -75,7 +75,7 @@ def closed_loop_episodes(
         replace(claimed, mount=random_mount(robot, rng)).moved(hardware.view_chain)
         for _ in trajectories
     ]
-    return filmed(trajectories, views, camera, hardware, setups[0].grid, rng, loop.renderer)
+    return film_robots(trajectories, views, camera, hardware, setups[0].grid, rng, loop.renderer)
 
 
 def _moments(
@@ -101,7 +101,7 @@ def _moments(
     moments = []
     for _ in range(loop.ticks):
         moments.append(robots.step())
-        tell(1)
+        tell_progress(1)
     return moments
 
 
@@ -122,7 +122,7 @@ class MixedPlanner:
         learned: float,
         variation: float,
     ) -> None:
-        self._scripted = ScriptedPlanner(robot, grid, varied(rng, variation, count))
+        self._scripted = ScriptedPlanner(robot, grid, vary_planner(rng, variation, count))
         # Not every robot has one
         self._learned = make_planner("learned", robot, grid) if learned > 0.0 else None
         self._is_learned = rng.uniform(size=count) < learned
@@ -178,7 +178,7 @@ def _cut(
     joints = np.array([moment.truth.joint_position for moment in moments])
     features = np.array([proprioception_of_states(moment.states, legs) for moment in moments])
     for robot, terrain in enumerate(terrains):
-        for run in runs(starts[:, robot]):
+        for run in uninterrupted_spans(starts[:, robot]):
             yield RobotTrajectory(
                 terrain=terrain,
                 position_base_in_world=position[run, robot],

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from saltus.heightmap.data.episode import Episode
-from saltus.heightmap.data.shards import ShardRecord, open_shard, uninterrupted
+from saltus.heightmap.data.shards import ShardRecord, open_shard, without_interrupts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +51,7 @@ def collect_batches(
         ]
         try:
             for batch in batches:
-                with uninterrupted():
+                with without_interrupts():
                     for shard, episodes in zip(shards, batch, strict=True):
                         shard.append(episodes)
                 done(shards[0].ticks)

@@ -100,7 +100,7 @@ class DeliveredImages(NamedTuple):
     new: NDArray[np.bool_]
 
 
-def deliver(
+def draw_delivery(
     episodes: Sequence[Episode], model: ImageDeliveryModel, rng: np.random.Generator
 ) -> DeliveredImages:
     """Draws how the images of each episode travel, around the latency of its camera."""

@@ -15,7 +15,7 @@ from saltus.depth import MODEL_CAMERA
 from saltus.depth_camera import DepthCamera
 from saltus.effects.signals import DepthImage
 from saltus.heightmap.data.delivery import TICK_S
-from saltus.heightmap.data.episode import Episode, runs
+from saltus.heightmap.data.episode import Episode, uninterrupted_spans
 from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 from saltus.policy.bounds import ACTIONS
 from saltus.policy.policy_features import PROPRIOCEPTION_SIZE
@@ -50,7 +50,7 @@ class RecordedBatch:
         """
         taken = self.frame_tick
         for robot, starts in enumerate(self.starts):
-            for run in runs(starts):
+            for run in uninterrupted_spans(starts):
                 frames = np.arange(*np.searchsorted(taken, (run.start, run.stop)))
                 frames = frames[self.there[camera][robot, frames]]
                 yield Episode(

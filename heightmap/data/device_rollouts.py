@@ -24,7 +24,7 @@ from saltus.heightmap.data.arriving_images import LateImages
 from saltus.heightmap.data.delivery import TICK_S, TRAINING
 from saltus.heightmap.data.device_cameras import DeviceCameras, late_images
 from saltus.heightmap.data.device_recording import DeviceRecording, RecordedBatch
-from saltus.heightmap.data.randomisation import RHYTHM, SPEED, varied
+from saltus.heightmap.data.randomisation import RHYTHM, SPEED, vary_planner
 from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.proprioception_vector import proprioception_of_states
 from saltus.heightmap.service.sight import Sight
@@ -36,7 +36,7 @@ from saltus.policy.env.curriculum import CurriculumSettings
 from saltus.policy.env.jump_env import JumpEnv
 from saltus.policy.env.randomisation import RandomisationSettings
 from saltus.policy.env.settings import JumpTrainSettings
-from saltus.policy.policy_features import PROPRIOCEPTION_SIZE, read
+from saltus.policy.policy_features import PROPRIOCEPTION_SIZE, read_features
 from saltus.policy.scripted import ScriptedPlanner
 from saltus.policy.training.export import DeployedPolicy
 from saltus.policy.training.train import make_engine
@@ -131,7 +131,9 @@ class DeviceRollouts:
             plan[:, 0] *= rhythm
             plan[:, 1] *= speed
             if self.loop.learned < 1.0:
-                plan = torch.where(by_rules, values_of(rules.step(*read(shown, self._grid))), plan)
+                plan = torch.where(
+                    by_rules, values_of(rules.step(*read_features(shown, self._grid))), plan
+                )
             env.standing.copy_(tick < stands_until)
             transition = env.step(env.config.bounds.normalised(plan))
             fresh = transition.done
@@ -162,7 +164,7 @@ class DeviceRollouts:
 
     def _rules(self) -> ScriptedPlanner:
         """The scripted planner, for each robot with numbers of its own."""
-        numbers = varied(self._rng, self.loop.variation, self.loop.robots)
+        numbers = vary_planner(self._rng, self.loop.variation, self.loop.robots)
         tensors = map_arrays(
             lambda each: torch.as_tensor(each, dtype=torch.float32, device=self._device), numbers
         )

@@ -40,7 +40,7 @@ class Episode:
     """How long images travel; a shard has one for all."""
 
 
-def runs(starts: NDArray[np.bool_]) -> list[slice]:
+def uninterrupted_spans(starts: NDArray[np.bool_]) -> list[slice]:
     """Spans of at least `MIN_TICKS` from one start to the next;
     `starts` says which ticks are one, shape (ticks,).
     """

@@ -20,7 +20,7 @@ from saltus.arrays import AnyArray
 from saltus.constants import POLICY_DT
 from saltus.files import whole_folder
 from saltus.heightmap.data.episode import Episode
-from saltus.heightmap.data.export_columns import NO_IMAGE_S, ExportColumn, columns_of, nested
+from saltus.heightmap.data.export_columns import NO_IMAGE_S, ExportColumn, columns_of, nested_lists
 from saltus.heightmap.data.shards import (
     DatasetError,
     ShardRecord,
@@ -57,7 +57,9 @@ class Exported:
     terrains: tuple[str, ...]
 
 
-def export(directory: Path, out: Path, done: Callable[[int], object] = lambda _: None) -> Exported:
+def export_dataset(
+    directory: Path, out: Path, done: Callable[[int], object] = lambda _: None
+) -> Exported:
     """Writes all episodes of a dataset into a new folder, whole or not at all;
     `done` is told of rows as they come.
 
@@ -90,7 +92,7 @@ def export(directory: Path, out: Path, done: Callable[[int], object] = lambda _:
                     rows.append(_row(episode, rows, number))
                     for name, values in table.items():
                         statistics[name].add(values)
-                    arrays = [nested(table[column.name], column.kind) for column in columns]
+                    arrays = [nested_lists(table[column.name], column.kind) for column in columns]
                     file.write_table(pa.table(arrays, schema=schema), row_group_size=ROW_GROUP)
                     done(len(episode.height))
         _write_meta(made, robot_name_in(records[0].config), columns, rows, terrains, statistics)

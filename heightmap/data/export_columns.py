@@ -55,7 +55,7 @@ def columns_of(grid: HeightGrid) -> tuple[ExportColumn, ...]:
     )  # fmt: skip
 
 
-def nested(values: AnyArray, kind: pa.DataType) -> pa.Array:
+def nested_lists(values: AnyArray, kind: pa.DataType) -> pa.Array:
     """Rows of any shape as lists of lists, without a Python object for each number."""
     array: pa.Array = pa.array(np.ascontiguousarray(values).reshape(-1))
     for size in values.shape[:0:-1]:

@@ -52,7 +52,7 @@ class DatasetInfo:
     shards: tuple[ShardInfo, ...]
 
 
-def info(directory: Path) -> DatasetInfo:
+def dataset_info(directory: Path) -> DatasetInfo:
     """Contents of a dataset.
 
     Its shards are opened, but not checked (`DatasetError` where that fails).
@@ -69,7 +69,7 @@ def info(directory: Path) -> DatasetInfo:
     return DatasetInfo(dataset=dataset_hash(records), shards=tuple(shards))
 
 
-def validate(directory: Path) -> list[str]:
+def validate_dataset(directory: Path) -> list[str]:
     """Damages of a dataset, shard by shard; none where it is sound.
 
     Raises:
@@ -87,7 +87,7 @@ def validate(directory: Path) -> list[str]:
     return damages
 
 
-def merge(sources: Sequence[Path], out: Path) -> list[ShardRecord]:
+def merge_datasets(sources: Sequence[Path], out: Path) -> list[ShardRecord]:
     """Joins datasets into a new one: all shards in their order, those that are there twice once.
 
     The manifest comes last, so that an interrupted merge is no dataset yet.

@@ -16,7 +16,7 @@ SPEED, RHYTHM = (0.7, 1.1), (0.93, 1.07)
 """Share of the policy's speed and of its stepping frequency, from and to."""
 
 
-def varied(rng: np.random.Generator, variation: float, count: int) -> ScriptedParameters:
+def vary_planner(rng: np.random.Generator, variation: float, count: int) -> ScriptedParameters:
     """The planner's numbers, each times its own random factor for each robot.
 
     Speeds also down to a half.

@@ -10,7 +10,7 @@ from saltus.arrays import Floats, Indices, Singles
 from saltus.depth import MODEL_CAMERA, Intrinsics
 from saltus.depth_camera import DepthCamera
 from saltus.effects.camera import drawn_around
-from saltus.effects.effect import stacked
+from saltus.effects.effect import stack_states
 from saltus.effects.image_pixels import to_images
 from saltus.effects.signals import DepthImage
 from saltus.heightmap.data.arriving_images import LateImages
@@ -25,7 +25,7 @@ from saltus.sim.plant_state import PlantState
 from saltus.terrain.terrain import Terrain
 
 
-def sampled(camera: DepthCamera) -> Intrinsics:
+def rendered_intrinsics(camera: DepthCamera) -> Intrinsics:
     """The pixels in which images of a camera are rendered here;
     those of stereo cameras are finer than the model's.
     """
@@ -46,7 +46,7 @@ def robot_cameras(
         setups: Each robot's; camera and profile are those of the first.
         errors: Of stereo matching, which may have one value a robot; those of the camera, if None.
         rngs: Each robot's, for these errors: so they do not depend on who else is in the batch.
-        whole: Images are those of `sampled`: without it means of some of their pixels.
+        whole: Images are those of `rendered_intrinsics`: without it means of some of their pixels.
     """
     camera, robot, profile = setups[0].camera, setups[0].robot, setups[0].profile
     trials = [setup.trial for setup in setups]
@@ -56,8 +56,8 @@ def robot_cameras(
         jitter_s=np.array([trial.camera_jitter_s for trial in trials]),
     )
     chain = to_images(replace(profile, camera=drawn), MODEL_CAMERA.fx).camera_chain
-    memory = stacked([chain.init((), random_stream(trial.seed)) for trial in trials])
-    claimed = sampled(camera)
+    memory = stack_states([chain.init((), random_stream(trial.seed)) for trial in trials])
+    claimed = rendered_intrinsics(camera)
     view, optics = (
         RobotCamera.on(robot, claimed).moved(profile.view_chain),
         StereoOptics.behind(claimed, camera),
@@ -67,7 +67,7 @@ def robot_cameras(
     if not camera.ideal:
         stereo = StereoCamera(errors or StereoConfig.of(camera), optics)
         streams = rngs or [random_stream(trial.seed) for trial in trials]
-        state = stacked([stereo.init((), rng) for rng in streams])
+        state = stack_states([stereo.init((), rng) for rng in streams])
     taken = chain.taken
     given, carried = memory[: len(taken.effects)], memory[len(taken.effects) :]
     views = _EmbreeBatch([setup.terrain for setup in setups], optics, view)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from saltus.arrays import AnyArray, Floats, Singles
 from saltus.depth import MODEL_CAMERA
 from saltus.depth_camera import DepthCamera
-from saltus.effects.effect import stacked
+from saltus.effects.effect import stack_states
 from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import Profile
 from saltus.grid import HeightGrid
@@ -50,7 +50,7 @@ class RobotTrajectory:
     (ticks, n)."""
 
 
-def filmed(
+def film_robots(
     trajectories: Sequence[RobotTrajectory],
     views: Sequence[RobotCamera],
     camera: DepthCamera,
@@ -79,7 +79,7 @@ def filmed(
     for part, errors in zip(parts, stereo, strict=True):
         recorded = _Recorded(trajectories[part], views[part], camera, renderer)
         images = recorded.film(
-            Eyes(camera, recorded, chain.taken, stacked(memories[part]), *errors)
+            Eyes(camera, recorded, chain.taken, stack_states(memories[part]), *errors)
         )
         for each, (depth, frame_tick) in zip(trajectories[part], images, strict=True):
             heights = true_heights(

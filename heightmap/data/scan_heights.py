@@ -14,15 +14,15 @@ from saltus.depth import MILLIMETRE, MODEL_CAMERA, depth_frame, depth_in_millime
 from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.signals import DepthImage
 from saltus.heightmap.data.arriving_images import ImageDamage
-from saltus.heightmap.data.robot_cameras import robot_cameras, sampled
+from saltus.heightmap.data.robot_cameras import rendered_intrinsics, robot_cameras
 from saltus.heightmap.scan.predictor import ScanNetwork
 from saltus.heightmap.service.scan import ScanService
 from saltus.heightmap.service.scan_fleet import ScanChoice
 from saltus.render.stereo.camera import StereoConfig
-from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled
+from saltus.render.stereo.model_view import COLUMNS, ROWS, pool_valid
 from saltus.setup import Setup
 from saltus.sim.plant_state import PlantState
-from saltus.states import ProprioceptionArrays, state_message
+from saltus.states import ProprioceptionArrays, robot_state_message
 from saltus.wire.messages import ControllerMode, DepthFrame, Heightmap, RobotState
 
 _NS = 1_000_000_000
@@ -57,7 +57,7 @@ class ScanHeights:
         self._eyes, self._images = robot_cameras(setups, errors, rngs, whole=True)
         self._damage, self._seeds = damage, [setup.trial.seed for setup in setups]
         self._camera = setups[0].camera
-        self._lens = sampled(self._camera)
+        self._lens = rendered_intrinsics(self._camera)
         rig = ScanChoice(grid=setups[0].grid, shadows=shadows).rig(setups[0].robot, self._camera)
         self._services = [ScanService(network, rig) for _ in setups]
         self._answers: list[Heightmap] = []
@@ -91,7 +91,7 @@ class ScanHeights:
         for i, service in enumerate(self._services):
             if fresh[i]:
                 service.reset()
-            state = state_message(
+            state = robot_state_message(
                 states, i, time_ns=now_ns, step=states.step, mode=ControllerMode.RUN
             )
             self._answers.append(
@@ -104,7 +104,7 @@ class ScanHeights:
         if self._lens == MODEL_CAMERA:
             return images
         return replace(
-            images, depth=depth_in_millimetres(pooled(images.depth * MILLIMETRE, ROWS, COLUMNS))
+            images, depth=depth_in_millimetres(pool_valid(images.depth * MILLIMETRE, ROWS, COLUMNS))
         )
 
     def _frame(self, robot: int) -> DepthFrame:

@@ -20,7 +20,7 @@ import numpy as np
 from saltus.config import UNNAMED, from_table
 from saltus.constants import POLICY_DT
 from saltus.depth import MODEL_CAMERA
-from saltus.depth_camera import DepthCamera, recorded
+from saltus.depth_camera import DepthCamera, recorded_camera
 from saltus.effects.camera import NOMINAL_LATENCY
 from saltus.effects.image_delivery import CameraLatency
 from saltus.errors import ConfigError, SaltusError
@@ -29,7 +29,7 @@ from saltus.grid import HeightGrid, grid_metadata, load_grid
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.data.shard_columns import ShardColumn, check_own, read_column
 from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
-from saltus.provenance import commit
+from saltus.provenance import current_commit
 
 MANIFEST = "manifest.json"
 _FORMAT = "saltus-heightmap-dataset-1"
@@ -62,7 +62,7 @@ class ShardRecord:
     @property
     def camera(self) -> DepthCamera:
         """Camera that took its images; older shards do not name theirs."""
-        return recorded(self.config.get("camera", "ideal"))
+        return recorded_camera(self.config.get("camera", "ideal"))
 
     @property
     def grid(self) -> HeightGrid:
@@ -102,7 +102,7 @@ class ShardWriter:
         An interruption leaves those that are whole.
         """
         for episode in episodes:
-            with uninterrupted():
+            with without_interrupts():
                 self._append(episode)
 
     def _append(self, episode: Episode) -> None:
@@ -159,11 +159,16 @@ def open_shard(
         ):
             writer = ShardWriter(file, pool)
             yield writer
-            ending.enter_context(uninterrupted())
+            ending.enter_context(without_interrupts())
             counts = writer.close(grid)
         sha256 = file_sha256(directory / name)
         writer.record = ShardRecord(
-            file=name, sha256=sha256, seed=seed, commit=code or commit(), config=config, **counts
+            file=name,
+            sha256=sha256,
+            seed=seed,
+            commit=code or current_commit(),
+            config=config,
+            **counts,
         )
         write_manifest(directory, [*records, writer.record])
 
@@ -180,7 +185,7 @@ def _said_in_one_line(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def uninterrupted() -> Iterator[None]:
+def without_interrupts() -> Iterator[None]:
     """Ctrl-C waits for the end of what is done within:
     what it would cut in two could not be kept.
     """
@@ -197,7 +202,7 @@ def uninterrupted() -> Iterator[None]:
         signal.raise_signal(signal.SIGINT)
 
 
-def motion(seed: int, config: dict[str, object]) -> str:
+def motion_text(seed: int, config: dict[str, object]) -> str:
     """Text that two shards share if their robots move alike,
     however many there are and whatever camera looked on.
     """
@@ -210,7 +215,7 @@ def refuse_twice(
 ) -> None:
     """Raises `DatasetError` where a dataset has motion of this seed and configuration already."""
     for record in records:
-        if motion(record.seed, record.config) == motion(seed, config):
+        if motion_text(record.seed, record.config) == motion_text(seed, config):
             where = directory / record.file
             raise DatasetError(
                 f"{where} holds the episodes of seed {seed} already: take another seed"

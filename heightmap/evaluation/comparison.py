@@ -123,7 +123,7 @@ class _Poses:
         return position, quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
 
 
-def read_run(recording: Recording) -> ComparedRun:
+def read_compared_run(recording: Recording) -> ComparedRun:
     """Reads what a recording has, whole or not."""
     arrivals, frames = [], []
     for arrival_ns, _, frame in recording.messages("camera/depth"):
@@ -172,7 +172,7 @@ def predictor_named(name: str, robot: Robot, grid: HeightGrid) -> Predictor:
     return HeightmapService(HeightmapNetwork(robot, Path(name), grid))
 
 
-def compare(run: ComparedRun, models: Sequence[str] = ()) -> list[HeightComparison]:
+def compare_heights(run: ComparedRun, models: Sequence[str] = ()) -> list[HeightComparison]:
     """Compares the heightmaps of a recording, and those of models on its depth,
     with what is true or was seen later.
 

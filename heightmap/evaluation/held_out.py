@@ -38,13 +38,13 @@ from saltus.render.randomisation import drawn_cameras
 from saltus.render.stereo.camera import StereoConfig
 from saltus.robots.mount import Mount
 from saltus.setup import Setup
-from saltus.states import state_message
+from saltus.states import robot_state_message
 from saltus.terrain.course_law import PAPER
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.trial import Trial
 from saltus.wire.messages import ControllerMode, Heightmap
-from saltus.workers import tell
+from saltus.workers import tell_progress
 
 MASTERED, HARD = "mastered", "hard"
 HARDEST = 0.8  # as in training: stairs of 0.25 m, a step of 0.64 m, a gap of 0.89 m
@@ -111,14 +111,17 @@ class HeldOutRuns:
 
     @property
     def work(self) -> int:
-        """Work that `measure` tells of a batch, see `saltus.workers.tell`:
+        """Work that `measure` tells of a batch, see `saltus.workers.tell_progress`:
         steps, then robots that are measured.
         """
         return math.ceil(self.time_limit_s / TICK_S) + 1 + ROBOTS * ROBOT_WORK
 
     def courses(self, rng: np.random.Generator, count: int) -> list[tuple[str, Terrain]]:
         """Level and course of each robot of a batch."""
-        some = [course(rng, i, self.terrains) for i in range(min(2 * len(self.terrains), count))]
+        some = [
+            held_out_course(rng, i, self.terrains)
+            for i in range(min(2 * len(self.terrains), count))
+        ]
         terrains = [make_terrain(some[i % len(some)][1]) for i in range(count)]
         return [(some[i % len(some)][0], terrain) for i, terrain in enumerate(terrains)]
 
@@ -145,13 +148,13 @@ class HeldOutRuns:
             depth = None if source.given is None else source.given.depth
             said = {"height": moment.heights, "half_width_90": source.half_width_90}
             ticks.append(_Tick(moment=moment, depth=depth, captured_s=source.captured_s, **said))
-            tell(1)
-        tell(self.work - ROBOTS * ROBOT_WORK - len(ticks))
+            tell_progress(1)
+        tell_progress(self.work - ROBOTS * ROBOT_WORK - len(ticks))
         measured = []
         for i, setup in enumerate(setups):
             measured.append(_measured(self, model, ticks, i, setup, levels[i]))
-            tell(ROBOT_WORK)
-        tell(ROBOT_WORK * (ROBOTS - count))
+            tell_progress(ROBOT_WORK)
+        tell_progress(ROBOT_WORK * (ROBOTS - count))
         return measured
 
 
@@ -280,7 +283,7 @@ def _replayed(predictor: Predictor, ticks: Sequence[_Tick], robot: int) -> list[
         for step in arrived
     ]
     messages = [
-        state_message(
+        robot_state_message(
             states, robot, time_ns=step_ns(states.step), step=states.step, mode=ControllerMode.RUN
         )
         for states in known
@@ -301,7 +304,9 @@ def step_ns(step: int) -> int:
     return round(step * TICK_S * _NS)
 
 
-def course(rng: np.random.Generator, index: int, kinds: Sequence[str]) -> tuple[str, TerrainConfig]:
+def held_out_course(
+    rng: np.random.Generator, index: int, kinds: Sequence[str]
+) -> tuple[str, TerrainConfig]:
     """Kinds in turn, each at first of a size that is mastered."""
     kind = kinds[index % len(kinds)]
     if index >= len(kinds) or kind not in PAPER:

@@ -12,12 +12,17 @@ import plotly.graph_objects as go
 
 from saltus.errors import RecordingError
 from saltus.heightmap.evaluation import report_figures as figures
-from saltus.heightmap.evaluation.comparison import ComparedRun, HeightComparison, compare, read_run
+from saltus.heightmap.evaluation.comparison import (
+    ComparedRun,
+    HeightComparison,
+    compare_heights,
+    read_compared_run,
+)
 from saltus.heightmap.evaluation.errors_by import REMEMBERED, VISIBLE, GroupedErrors
 from saltus.heightmap.evaluation.height_edges import EdgeErrors, edge_errors
 from saltus.recordings.recording import Recording
-from saltus.recordings.summary import rounded
-from saltus.reports.page import render, write_page
+from saltus.recordings.summary import number_cell
+from saltus.reports.page import render_page, write_page
 
 WORST = 10
 WORST_M = 0.01  # of mean error: a moment that is off by less is not bad
@@ -137,7 +142,7 @@ class ErrorReport:
         return table
 
 
-def measure(recordings: Sequence[Recording], models: Sequence[str] = ()) -> ErrorReport:
+def measure_errors(recordings: Sequence[Recording], models: Sequence[str] = ()) -> ErrorReport:
     """Measures recordings, and models on the depth of these.
 
     Args:
@@ -148,12 +153,12 @@ def measure(recordings: Sequence[Recording], models: Sequence[str] = ()) -> Erro
         RecordingError: nothing in any of the recordings can be compared.
         ModelError: a file is no model that fits.
     """
-    runs = _named_apart([read_run(recording) for recording in recordings])
+    runs = _named_apart([read_compared_run(recording) for recording in recordings])
     comparisons: list[HeightComparison] = []
     failed = []
     for run in runs:
         try:
-            found = compare(run, models)
+            found = compare_heights(run, models)
             if not any(np.isfinite(comparison.error).any() for comparison in found):
                 raise RecordingError(f"{run.name}: no place was seen again")
             comparisons += found
@@ -164,12 +169,12 @@ def measure(recordings: Sequence[Recording], models: Sequence[str] = ()) -> Erro
     return ErrorReport(runs=tuple(runs), comparisons=tuple(comparisons), failed=tuple(failed))
 
 
-def write_report(report: ErrorReport, path: Path) -> None:
+def write_error_report(report: ErrorReport, path: Path) -> None:
     """Writes the HTML file, which opens without a network;
     `RecordingError` where it cannot be written.
     """
     errors = report.errors()
-    text = render(
+    text = render_page(
         __file__,
         report=report,
         headline=_headline(report),
@@ -182,7 +187,7 @@ def write_report(report: ErrorReport, path: Path) -> None:
         ],
         edges=figures.edge_figure(report.edges()),
         calibration=figures.calibration_figure(errors),
-        least=centimetres(WORST_M),
+        least=centimetres_text(WORST_M),
         most=WORST,
         apart_s=APART_S,
         moments=_moments(report),
@@ -251,22 +256,22 @@ def _summaries(report: ErrorReport) -> list[tuple[str, ...]]:
             ]
             cells = (
                 *(
-                    centimetres(numbers[f"{key}_m"])
+                    centimetres_text(numbers[f"{key}_m"])
                     for key in ("mae", "mae_visible", "mae_remembered", "edge_error")
                 ),
-                f"{rounded(100 * numbers['edges_found'], 0)} % of {numbers['edges']}",
+                f"{number_cell(100 * numbers['edges_found'], 0)} % of {numbers['edges']}",
                 str(numbers["edges_false"]),
-                f"{rounded(100 * numbers['coverage90'], 1)} %",
-                rounded(numbers["nll"], 2),
+                f"{number_cell(100 * numbers['coverage90'], 1)} %",
+                number_cell(numbers["nll"], 2),
                 f"{100 * np.mean(shares):.0f} %",
             )
             rows.append((run or "all runs", name, *cells))
     return rows
 
 
-def centimetres(value: float | None) -> str:
+def centimetres_text(value: float | None) -> str:
     """A length [m] in centimetres; "-" where there is none."""
-    return "-" if value is None else rounded(100 * value, 2)
+    return "-" if value is None else number_cell(100 * value, 2)
 
 
 def _moments(report: ErrorReport) -> list[tuple[str, go.Figure]]:

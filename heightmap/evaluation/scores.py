@@ -56,18 +56,18 @@ def score(runs: Sequence[HeldOutRun], predictor: str) -> HeightScore:
 
 
 def _totals_of(run: HeldOutRun, predictor: str) -> Floats:
-    """The `totals` of a run, which is in several tables, once."""
+    """The `score_totals` of a run, which is in several tables, once."""
     known = _TOTALS.setdefault(run, {})
     if predictor not in known:
         said = run.predictions[predictor]
-        known[predictor] = totals(run.x, run.true_height, run.view, said)
+        known[predictor] = score_totals(run.x, run.true_height, run.view, said)
     return known[predictor]
 
 
 _TOTALS: WeakKeyDictionary[HeldOutRun, dict[str, Floats]] = WeakKeyDictionary()
 
 
-def totals(
+def score_totals(
     x: Floats, true_height: Floats, view: NDArray[np.int8], said: HeldOutPrediction
 ) -> Floats:
     """Sum and number of what each of `FIGURES` is the mean of,
@@ -96,14 +96,14 @@ def totals(
 
 
 def mean_of(totals: Floats) -> Floats:
-    """Each of `FIGURES` by the `totals` of some runs, shape (..., 2, figures);
+    """Each of `FIGURES` by the `score_totals` of some runs, shape (..., 2, figures);
     NaN where nothing is judged.
     """
     total, count = totals[..., 0, :], totals[..., 1, :]
     return np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0.0)
 
 
-def scores(runs: Sequence[HeldOutRun]) -> dict[str, Any]:
+def score_table(runs: Sequence[HeldOutRun]) -> dict[str, Any]:
     """The network's score on all runs, by terrain and by level, and those of the baselines.
 
     Plain values, each with how far its robots went

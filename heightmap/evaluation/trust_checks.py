@@ -18,7 +18,7 @@ from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.service.network import MOUNT_PITCH_ERROR, MOUNT_POSITION_ERROR_M
 from saltus.recordings.recording import Recording
 from saltus.recordings.timing import TopicTiming, rates_and_ages
-from saltus.render.calibrate import FEWEST_FRAMES, fit_place, standing_pairs, stands
+from saltus.render.calibrate import FEWEST_FRAMES, fit_place, standing_pairs, stands_on_all_feet
 from saltus.runtime.ticker import staleness_of
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState, points_of
 from saltus.wire.topics import CAMERA_LATENCY_S, TOPICS, depth_topic
@@ -194,7 +194,7 @@ def _place(
 
 
 def _heights(heightmaps: list[Heightmap], every_state: list[RobotState]) -> Iterator[TrustCheck]:
-    states = {state.step: state for state in every_state if stands(state)}
+    states = {state.step: state for state in every_state if stands_on_all_feet(state)}
     maps = [heights for heights in heightmaps if heights.step in states]
     begun = next(
         (i for i, heights in enumerate(maps) if heights.status == HeightmapStatus.OK), len(maps)

@@ -39,7 +39,7 @@ def window_corner(position: Array, settings: MapSettings) -> Array:
     return xp.astype(xp.round(position[:, :2] / settings.cell_m), xp.int64) - settings.cells // 2
 
 
-def places(xy: Array, corner: Array, settings: MapSettings) -> Array:
+def fine_cell_positions(xy: Array, corner: Array, settings: MapSettings) -> Array:
     """Positions (batch, n, 2) [m] in units of fine cells of the window;
     the centre of the first one is at 0, 0.
     """
@@ -50,7 +50,7 @@ def places(xy: Array, corner: Array, settings: MapSettings) -> Array:
     )
 
 
-def centres(corner: Array, settings: MapSettings, like: Array) -> tuple[Array, Array]:
+def cell_centres(corner: Array, settings: MapSettings, like: Array) -> tuple[Array, Array]:
     """Odometry x and y [m] of the window's fine cells,
     of shapes (batch, side, 1) and (batch, 1, side).
     """
@@ -78,7 +78,9 @@ def sorted_into_cells(
     Without `extremes`, which take a third of the time, the highest and lowest are the mean.
     """
     xp, side = namespace(points), settings.side
-    place = xp.astype(xp.floor(places(points[:, :, :2], corner, settings) + 0.5), xp.int64)
+    place = xp.astype(
+        xp.floor(fine_cell_positions(points[:, :, :2], corner, settings) + 0.5), xp.int64
+    )
     inside = valid & xp.all((place >= 0) & (place < side), axis=-1)
     batch, count = valid.shape
     robots = xp.arange(batch, dtype=xp.int64, device=points.device)[:, None] * side**2
@@ -110,7 +112,7 @@ def sorted_into_cells(
     return CellHeights(mean=mean, variance=variance, high=high, low=low, count=number)
 
 
-def moved(values: Array, by: Array, new: float) -> Array:
+def move_window(values: Array, by: Array, new: float) -> Array:
     """Values (batch, side, side) of a window that goes on by whole fine cells (batch, 2);
     `new` where it sees more.
     """
@@ -144,7 +146,7 @@ def _overlap(by: int, side: int) -> tuple[slice, slice]:
     return slice(max(0, -by), side - max(0, by)), slice(max(0, by), side - max(0, -by))
 
 
-def sampled(values: Array, place: Array) -> Array:
+def sample_bilinear(values: Array, place: Array) -> Array:
     """Bilinear values at places (batch, n, 2) in units of cells, held at the border.
 
     Shape (batch, n). Places of one batch serve all.

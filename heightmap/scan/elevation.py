@@ -13,15 +13,15 @@ import numpy as np
 from saltus.arrays import Array, namespace
 from saltus.heightmap.scan.cells import (
     CellHeights,
-    centres,
-    moved,
-    places,
-    sampled,
+    cell_centres,
+    fine_cell_positions,
+    move_window,
+    sample_bilinear,
     sorted_into_cells,
     window_corner,
 )
-from saltus.heightmap.scan.filling import filled
-from saltus.heightmap.scan.matching import PoseError, drift, slopes_of
+from saltus.heightmap.scan.filling import fill_cells
+from saltus.heightmap.scan.matching import PoseError, match_drift, slopes_of
 from saltus.heightmap.scan.settings import MapSettings
 
 UNKNOWN_M2 = 1e3
@@ -148,7 +148,7 @@ def is_known(state: ElevationMap) -> Array:
     return state.variance < 0.5 * UNKNOWN_M2
 
 
-def advanced(
+def advance_map(
     state: ElevationMap, measured: MapUpdate, settings: MapSettings
 ) -> tuple[ElevationMap, MapContext]:
     """The map after an image: moved to the base,
@@ -167,7 +167,7 @@ def advanced(
     state = state._replace(seen_s=latest)
     base = measured.now.position + state.correction
     guess, weight = _under_body(state, base, measured.body_height, settings)
-    whole = filled(xp.where(known, state.height, guess), xp.where(known, 1.0, weight))
+    whole = fill_cells(xp.where(known, state.height, guess), xp.where(known, 1.0, weight))
     return state, MapContext(
         filled=whole, new=new, feet=feet, base=base, drift=state.correction - before
     )
@@ -185,7 +185,7 @@ def _matched(
     slopes = slopes_of(state.height, known, settings.fine_m)
     for look in range(settings.looks):
         away = _away(state, measured.exposed.position + state.correction, settings)
-        found = drift(state.height, state.variance, known, slopes, new, away, settings)
+        found = match_drift(state.height, state.variance, known, slopes, new, away, settings)
         shift, tilt = shift + found.shift, tilt + found.tilt
         state = state._replace(correction=state.correction - found.shift)
         new = _of_image(state, measured, tilt, settings, extremes=look + 1 == settings.looks)
@@ -197,7 +197,7 @@ def _moved(state: ElevationMap, position: Array, settings: MapSettings) -> Eleva
     by = (corner - state.corner) * settings.sub
     unknown = {"variance": UNKNOWN_M2, "seen_s": NEVER_S, "told_width": WIDEST}
     cells = ("height", "variance", "high", "low", "seen_s", "told", "told_width")
-    kept = {name: moved(getattr(state, name), by, unknown.get(name, 0.0)) for name in cells}
+    kept = {name: move_window(getattr(state, name), by, unknown.get(name, 0.0)) for name in cells}
     return state._replace(corner=corner, **kept)
 
 
@@ -225,7 +225,7 @@ def _of_image(
 
 def _away(state: ElevationMap, position: Array, settings: MapSettings) -> tuple[Array, Array]:
     """X and y of the window's fine cells from a position [m]."""
-    x, y = centres(state.corner, settings, position)
+    x, y = cell_centres(state.corner, settings, position)
     return x - position[:, :1, None], y - position[:, 1:2, None]
 
 
@@ -265,9 +265,9 @@ def _with_feet(
     xp = namespace(state.height)
     position = measured.now.position + state.correction
     feet = measured.feet @ xp.matrix_transpose(measured.now.rotation) + position[:, None, :]
-    place = places(feet[..., :2], state.corner, settings)
-    known = sampled(xp.astype(is_known(state), feet.dtype), place) > 0.99
-    gap = feet[..., 2] - sampled(state.height, place)
+    place = fine_cell_positions(feet[..., :2], state.corner, settings)
+    known = sample_bilinear(xp.astype(is_known(state), feet.dtype), place) > 0.99
+    gap = feet[..., 2] - sample_bilinear(state.height, place)
     counts = xp.astype(measured.standing & known & (xp.abs(gap) < settings.gate_m), feet.dtype)
     mean = xp.sum(counts * gap, axis=-1) / xp.sum(counts, axis=-1).clip(1.0, None)
     change = settings.foot_gain * mean

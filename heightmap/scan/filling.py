@@ -5,7 +5,7 @@ coarser the farther it is (pull, then push).
 from saltus.arrays import Array, namespace
 
 
-def filled(height: Array, weight: Array) -> Array:
+def fill_cells(height: Array, weight: Array) -> Array:
     """`height` (batch, side, side) where `weight` is 1,
     a mean of what is around where it is 0, mixed in between.
 
@@ -19,7 +19,7 @@ def filled(height: Array, weight: Array) -> Array:
         return weight * height + (1.0 - weight) * mean
     total = _fours(weight)
     mean = _fours(weight * height) / (total + _LEAST)
-    coarse = filled(mean, total.clip(0.0, 1.0))
+    coarse = fill_cells(mean, total.clip(0.0, 1.0))
     return weight * height + (1.0 - weight) * _doubled(coarse)
 
 

@@ -30,7 +30,7 @@ class PoseError(NamedTuple):
     Shape (batch, 2)."""
 
 
-def drift(
+def match_drift(
     height: Array, variance: Array, known: Array, slopes: tuple[Array, Array], new: CellHeights,
     away: tuple[Array, Array], settings: MapSettings,
 ) -> PoseError:  # fmt: skip

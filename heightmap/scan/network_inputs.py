@@ -99,6 +99,6 @@ def inputs_of(
     )
 
 
-def remembered(state: ElevationMap, told: MapHeights) -> ElevationMap:
+def remember_told(state: ElevationMap, told: MapHeights) -> ElevationMap:
     """The map with what the network told, which it is shown at the next image."""
     return state._replace(told=told.height, told_width=told.half_width.clip(0.0, 0.99 * WIDEST))

@@ -9,13 +9,13 @@ import numpy as np
 from saltus.arrays import Floats, Singles
 from saltus.errors import ConfigError, ModelError
 from saltus.grid import HeightGrid
-from saltus.heightmap.scan.cells import places, sampled
+from saltus.heightmap.scan.cells import fine_cell_positions, sample_bilinear
 from saltus.heightmap.scan.elevation import (
     NEVER_S,
     ElevationMap,
     MapUpdate,
     OdometryPoses,
-    advanced,
+    advance_map,
     new_map,
 )
 from saltus.heightmap.scan.network_inputs import (
@@ -26,7 +26,7 @@ from saltus.heightmap.scan.network_inputs import (
     MapHeights,
     ScanInputs,
     inputs_of,
-    remembered,
+    remember_told,
 )
 from saltus.heightmap.scan.settings import MapSettings
 from saltus.model_file import ModelFile
@@ -164,7 +164,7 @@ class ScanPredictor:
         Returns:
             False where the network's answer was not plausible: the image is then forgotten.
         """
-        state, around = advanced(self._known.state, measured, self._settings)
+        state, around = advance_map(self._known.state, measured, self._settings)
         now = np.full(1, now_s, np.float32)
         height, half_width = self._network(inputs_of(state, around, now, measured))
         # no comparison with NaN is true, so that this also asks for finite numbers
@@ -175,7 +175,7 @@ class ScanPredictor:
         ):
             return False
         told = MapHeights(around.filled + height, half_width)
-        self._known = _Known.of(remembered(state, told), np.concatenate(told))
+        self._known = _Known.of(remember_told(state, told), np.concatenate(told))
         return True
 
     def heights(self, pose: OdometryPoses, yaw: float, grid: HeightGrid) -> tuple[Floats, Floats]:
@@ -200,8 +200,8 @@ class ScanPredictor:
             raise ModelError("no image has come yet: heights are told from the first one on")
         base = pose.position + state.correction
         x, y = grid.points_in_world(base[0, :2].astype(np.float64), np.asarray(yaw))
-        place = places(np.stack([x, y], -1)[None], state.corner, self._settings)
-        height, half_width = np.asarray(sampled(told, place), np.float64)
+        place = fine_cell_positions(np.stack([x, y], -1)[None], state.corner, self._settings)
+        height, half_width = np.asarray(sample_bilinear(told, place), np.float64)
         return GridHeights(height - base[0, 2], half_width, _last_seen(seen_s, place[0]))
 
     def above(self, pose: OdometryPoses, points: Singles) -> Floats:
@@ -215,8 +215,8 @@ class ScanPredictor:
         """
         state, _, shown, _ = self._known
         there = points @ pose.rotation[0].T + pose.position[0] + state.correction[0]
-        place = places(there[None, :, :2], state.corner, self._settings)
-        return np.asarray(sampled(shown, place)[0] - there[:, 2], np.float64)
+        place = fine_cell_positions(there[None, :, :2], state.corner, self._settings)
+        return np.asarray(sample_bilinear(shown, place)[0] - there[:, 2], np.float64)
 
 
 def _last_seen(seen_s: Singles, place: Floats) -> Floats:

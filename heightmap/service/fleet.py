@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from saltus.heightmap.service.image_watch import DEPTH, worse
+from saltus.heightmap.service.image_watch import DEPTH, less_trusted
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
 from saltus.heightmap.service.sight import NetworkInputs, NetworkOutputs
@@ -83,7 +83,7 @@ class _Robot:
         coming, used = self.coming, self.service
         if coming is None or coming.last is None or used.last is None:
             return False
-        if worse(coming.last.status, used.last.status) != used.last.status:
+        if less_trusted(coming.last.status, used.last.status) != used.last.status:
             return False
         if used.warm and not coming.warm:  # without images both are INVALID
             return False

@@ -125,6 +125,6 @@ class ImageWatch:
         return HeightmapStatus.DEGRADED if late or patchy else HeightmapStatus.OK
 
 
-def worse(one: HeightmapStatus, other: HeightmapStatus) -> HeightmapStatus:
+def less_trusted(one: HeightmapStatus, other: HeightmapStatus) -> HeightmapStatus:
     """The one of two that is less to be trusted."""
     return max(one, other, key=_TRUST.index)

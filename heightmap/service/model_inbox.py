@@ -139,7 +139,7 @@ class ModelInbox:
         return found.st_ino, found.st_size, found.st_mtime_ns
 
 
-def give(model: Path, run_dir: Path) -> str:
+def give_model(model: Path, run_dir: Path) -> str:
     """Puts a model where the service of a run looks, whole or not at all; returns its id.
 
     Raises:
@@ -149,7 +149,7 @@ def give(model: Path, run_dir: Path) -> str:
     if not (run_dir / SETUP_FILE).is_file():
         raise ModelError(f"'{run_dir}' is no folder of a run: no {SETUP_FILE} is in it")
     _ask_for_checksum(model)
-    setup = config.load(Setup, run_dir / SETUP_FILE)
+    setup = config.load_config(Setup, run_dir / SETUP_FILE)
     model_id = HeightmapNetwork(setup.robot, model, setup.grid).model_id
     target = run_dir / FILE
     _answer_path(target).unlink(missing_ok=True)

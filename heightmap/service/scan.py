@@ -19,11 +19,11 @@ from saltus.heightmap.scan.odometry_trail import OdometryTrail, TrailPose
 from saltus.heightmap.scan.own_body import NoBody, OwnBody
 from saltus.heightmap.scan.predictor import GridHeights, ScanNetwork, ScanPredictor
 from saltus.heightmap.scan.scan_camera import ScanCamera
-from saltus.heightmap.service.image_watch import DEPTH, NO_FRAME, ImageWatch, worse
+from saltus.heightmap.service.image_watch import DEPTH, NO_FRAME, ImageWatch, less_trusted
 from saltus.heightmap.service.quantiles import UNKNOWN_HALF_WIDTH_M
 from saltus.heightmap.service.rolling_feet import RollingFeet
 from saltus.heightmap.service.sight import BAD_OUTPUTS_TO_FORGET, BLIND_INVALID_PIXELS
-from saltus.loop.shadows import deepened
+from saltus.loop.shadows import deepen_shadows
 from saltus.robots.robot import Robot
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState
 from saltus.wire.topics import Topic
@@ -299,10 +299,10 @@ class ScanService:
         found = [watch.status(state.time_ns, now_ns, warm=warm) for watch in self._watches.values()]
         worst = best = found[0]
         for status in found[1:]:
-            worst = worse(worst, status)
-            best = best if worse(best, status) == status else status
-        status = best if best == worst else worse(best, HeightmapStatus.DEGRADED)
-        return worse(status, HeightmapStatus.DEGRADED) if self._bad_outputs else status
+            worst = less_trusted(worst, status)
+            best = best if less_trusted(best, status) == status else status
+        status = best if best == worst else less_trusted(best, HeightmapStatus.DEGRADED)
+        return less_trusted(status, HeightmapStatus.DEGRADED) if self._bad_outputs else status
 
     def _heightmap(self, state: RobotState, status: HeightmapStatus) -> Heightmap:
         rig, grid = self._rig, self._rig.grid
@@ -310,7 +310,7 @@ class ScanService:
         newest = max(views, key=lambda view: view.time_ns, default=None)
         ground = self._ground(state)
         if rig.shadows:
-            height, half_width = deepened(ground.height, ground.half_width, grid)
+            height, half_width = deepen_shadows(ground.height, ground.half_width, grid)
             ground = ground._replace(height=height, half_width=half_width)
         age_s = self._time_s(state.time_ns) - ground.seen_s
         return Heightmap(

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from saltus.depth import MODEL_CAMERA, model_image
 from saltus.heightmap.service.frozen_output import FrozenOutput
-from saltus.heightmap.service.image_watch import DEPTH, NO_FRAME, ImageWatch, worse
+from saltus.heightmap.service.image_watch import DEPTH, NO_FRAME, ImageWatch, less_trusted
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.proprioception_vector import proprioception_of
 from saltus.heightmap.service.sight import (
@@ -119,7 +119,7 @@ class HeightmapService:
         if self._sight.judge(tick)[0]:
             status = self._input_status(state, now_ns)
             if self._frozen.step(inputs, tick, state.time_ns):
-                status = worse(status, HeightmapStatus.DEGRADED)
+                status = less_trusted(status, HeightmapStatus.DEGRADED)
         else:
             status = self._status_of_bad_output(state, now_ns)
         self._last = self._heightmap(state, status)
@@ -151,7 +151,7 @@ class HeightmapService:
         for those of an output that cannot be used.
         """
         if self.bad_outputs < BAD_OUTPUTS_TO_FORGET and self._last is not None:
-            return worse(HeightmapStatus.DEGRADED, self._input_status(state, now_ns))
+            return less_trusted(HeightmapStatus.DEGRADED, self._input_status(state, now_ns))
         if self.bad_outputs == BAD_OUTPUTS_TO_FORGET:
             self._images.forgive()
         return HeightmapStatus.INVALID

@@ -23,7 +23,7 @@ One that is stated less often is corrected as those next to it.
 """
 
 
-def calibrate(
+def calibrate_intervals(
     model: HeightmapModel,
     store: EpisodeStore,
     delivery: ImageDeliveryModel,

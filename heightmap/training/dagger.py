@@ -33,7 +33,7 @@ from saltus.grid import load_grid
 from saltus.heightmap.collection import EpisodeKey, closed_loop_batches, round_table
 from saltus.heightmap.data.delivery import hardware_table
 from saltus.heightmap.data.episode import Episode
-from saltus.heightmap.data.inventory import merge, validate
+from saltus.heightmap.data.inventory import merge_datasets, validate_dataset
 from saltus.heightmap.data.shards import (
     DatasetError,
     dataset_hash,
@@ -44,9 +44,9 @@ from saltus.heightmap.data.shards import (
     write_shard,
 )
 from saltus.heightmap.settings import FURTHER_RATE, ClosedLoop, DaggerSettings, PredictorTraining
-from saltus.heightmap.training.export import ModelOrigin, export
-from saltus.heightmap.training.release import release
-from saltus.heightmap.training.train import TrainingProgress, load_checkpoint, train
+from saltus.heightmap.training.export import ModelOrigin, export_heightmap
+from saltus.heightmap.training.release import release_model
+from saltus.heightmap.training.train import TrainingProgress, load_checkpoint, train_heightmap
 from saltus.heightmap.training.validate import MIN_WARMUP
 from saltus.robots.loading import load_robot
 
@@ -69,7 +69,7 @@ class Observer:
     """Gets the round, too."""
 
 
-def dagger(
+def run_dagger(
     directory: Path,
     config: DaggerSettings,
     observer: Observer,
@@ -103,13 +103,17 @@ def dagger(
         refuse_twice(
             base, read_records(base), config.seed, round_table(config.loop, config.batches, 0, None)
         )
-    if base is not None and not (directory / BEGUN).exists() and (damages := validate(base)):
+    if (
+        base is not None
+        and not (directory / BEGUN).exists()
+        and (damages := validate_dataset(base))
+    ):
         raise DatasetError(damages[0])
     directory.mkdir(parents=True, exist_ok=True)
     _remember(directory, config, start, base)
     data = directory / "dataset"
     if base is not None and not read_manifest(data):
-        merge([base], data)
+        merge_datasets([base], data)
     begun_with = 0 if base is None else len({record.sha256 for record in read_manifest(base)})
     before = None if start is None else _started(directory / "start", start, config.loop)
     for index in range(config.rounds):
@@ -196,7 +200,7 @@ def _started(folder: Path, start: Path, loop: ClosedLoop) -> Path:
                 dataset=training["dataset"],
                 seed=training["config"]["seed"],
             )
-            export(model, partial_folder / MODEL, origin)
+            export_heightmap(model, partial_folder / MODEL, origin)
     return folder
 
 
@@ -244,11 +248,11 @@ def _train(
     data = folder.parent / "dataset"
     with whole_folder(folder) as partial_folder:
         checkpoint = partial_folder / CHECKPOINT
-        train(
+        train_heightmap(
             data,
             checkpoint,
             further,
             partial(observer.trained, index),
             start=before and before / CHECKPOINT,
         )
-        release(checkpoint, data, partial_folder / MODEL)
+        release_model(checkpoint, data, partial_folder / MODEL)

@@ -13,7 +13,7 @@ from torch.nn import functional
 
 from saltus.arrays import Indices
 from saltus.depth import MILLIMETRE, RANGE_M, model_image
-from saltus.heightmap.data.delivery import ImageDeliveryModel, deliver
+from saltus.heightmap.data.delivery import ImageDeliveryModel, draw_delivery
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.model import IMAGE_SHAPE, HeightEstimate, HeightmapModel, Normalisation
 
@@ -141,7 +141,7 @@ class EpisodeStore:
             self._share, rng.uniform(0.0, self._share[-1], len(rows)), side="right"
         )
         begin = rng.integers(2, size=len(rows)) * rng.integers(self._lengths[chosen])
-        drawn = deliver([self.episodes[i] for i in chosen], model, rng)
+        drawn = draw_delivery([self.episodes[i] for i in chosen], model, rng)
         slots.episode[rows], slots.position[rows], slots.starts[rows] = chosen, begin, True
         ticks = drawn.frame.shape[1]
         slots.frame[rows, :ticks], slots.age_s[rows, :ticks], slots.new[rows, :ticks] = drawn

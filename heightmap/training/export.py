@@ -23,7 +23,7 @@ from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 from saltus.heightmap.service.quantiles import INTERVAL90
 from saltus.heightmap.service.sight import NetworkInputs
 from saltus.onnx_export import round_to_half, write_onnx
-from saltus.provenance import commit
+from saltus.provenance import current_commit
 from saltus.robots.loading import load_robot
 from saltus.wire.topics import CAMERA_LATENCY_S
 
@@ -60,7 +60,7 @@ class _Step(nn.Module):
         return estimate.height, estimate.log_std.exp(), hidden
 
 
-def export(model: HeightmapModel, path: Path, origin: ModelOrigin) -> None:
+def export_heightmap(model: HeightmapModel, path: Path, origin: ModelOrigin) -> None:
     """Writes the network as ONNX with everything that is needed to use it,
     whole or not at all, and its checksum.
 
@@ -94,7 +94,7 @@ def metadata(model: HeightmapModel, origin: ModelOrigin) -> dict[str, object]:
         "warmup_frames": origin.warmup_frames,
         "normalisation": normalisation,
         "dataset": origin.dataset,
-        "commit": commit(),
+        "commit": current_commit(),
         "seed": origin.seed,
     }
 

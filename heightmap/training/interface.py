@@ -96,7 +96,7 @@ def frames_and_feet(robot: Robot) -> str:
     )
 
 
-def interface(
+def model_interface(
     robot: Robot,
     grid: HeightGrid,
     camera: DepthCamera,

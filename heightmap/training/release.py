@@ -17,19 +17,19 @@ from saltus.heightmap.data.shards import (
     ShardRecord,
     camera_of,
     dataset_hash,
-    motion,
+    motion_text,
     read_dataset,
     read_records,
 )
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.training.export import ModelOrigin, export, parity
+from saltus.heightmap.training.export import ModelOrigin, export_heightmap, parity
 from saltus.heightmap.training.exported import TrainingOrigin
-from saltus.heightmap.training.interface import interface
-from saltus.heightmap.training.train import load_checkpoint, split
+from saltus.heightmap.training.interface import model_interface
+from saltus.heightmap.training.train import load_checkpoint, split_episodes
 from saltus.heightmap.training.validate import (
     HeightAccuracy,
-    accuracy,
     episode_inputs,
+    height_accuracy,
     warmup_frames,
 )
 from saltus.model_file import put_model
@@ -69,7 +69,7 @@ class ModelRelease:
     """Images as in training: later or sooner, with jitter and losses."""
 
 
-def release(
+def release_model(
     checkpoint: Path,
     data: Path,
     model_path: Path,
@@ -109,7 +109,9 @@ def release(
         if unseen is None
         else _unseen(unseen, training, records)
     )
-    held_out = _spread(split(read_dataset(data))[1]) if unseen is None else read_dataset(unseen)
+    held_out = (
+        _spread(split_episodes(read_dataset(data))[1]) if unseen is None else read_dataset(unseen)
+    )
     begun()
     camera = camera_of(data, records)
     name, grid = robot_name_in(records[0].config), records[0].grid
@@ -124,9 +126,9 @@ def release(
     with TemporaryDirectory(dir=model_path.parent, prefix=".export-") as folder:
         candidate = Path(folder) / model_path.name
         # The warm-up is measured on the file itself, so it is written twice.
-        export(model, candidate, origin)
+        export_heightmap(model, candidate, origin)
         warmup = warmup_frames(HeightmapNetwork(robot, candidate, grid), held_out)
-        export(model, candidate, replace(origin, warmup_frames=warmup))
+        export_heightmap(model, candidate, replace(origin, warmup_frames=warmup))
         network = HeightmapNetwork(robot, candidate, grid)
         inputs = (tick for episode in held_out for tick in episode_inputs(episode, TRAINING))
         difference = parity(model, network, islice(inputs, PARITY_STEPS))
@@ -144,8 +146,8 @@ def release(
             model_id=network.model_id,
             warmup_frames=warmup,
             parity=difference,
-            clean=accuracy(network, held_out),
-            faulty=accuracy(network, held_out, TRAINING),
+            clean=height_accuracy(network, held_out),
+            faulty=height_accuracy(network, held_out, TRAINING),
         )
         put_model(candidate, model_path)
     card_path(model_path).write_text(
@@ -175,10 +177,10 @@ def _unseen(folder: Path, training: TrainingOrigin, trained_on: list[ShardRecord
             the one before saw.
     """
     records = read_records(folder)
-    known = {motion(record.seed, record.config) for record in trained_on}
+    known = {motion_text(record.seed, record.config) for record in trained_on}
     whole = training["start"] is not None and training["start"]["dataset"] == dataset_hash(records)
     for record in records:
-        if whole or motion(record.seed, record.config) in known:
+        if whole or motion_text(record.seed, record.config) in known:
             raise DatasetError(
                 f"{folder / record.file} was trained on: it cannot say what a model is worth"
             )
@@ -232,7 +234,7 @@ Convolutions
 with {sizes["channels"]} channels, one GRU layer of {sizes["hidden"]}, hidden layers of {sizes["head"]}. Trained in
 simulation only. For the robot {robot.name} and its camera: it is refused for others.
 
-{interface(robot, grid, camera, late, sizes["hidden"])}
+{model_interface(robot, grid, camera, late, sizes["hidden"])}
 ## Errors and training
 
 Held-out episodes: {held_out}, {clean.ticks} ticks. Mean absolute error of all points, seen or not [mm]:

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from saltus.errors import ConfigError, ModelError
 from saltus.files import atomic_write, check_archive
-from saltus.folders import ask_for_room, differences
+from saltus.folders import ask_for_room, setting_differences
 from saltus.gpu import has_gpu
 from saltus.heightmap.data.delivery import DELIVERIES, ImageDeliveryModel
 from saltus.heightmap.data.episode import Episode
@@ -32,7 +32,7 @@ from saltus.heightmap.model import WIDTHS, HeightEstimate, HeightmapModel, Norma
 from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 from saltus.heightmap.service.quantiles import INTERVAL90
 from saltus.heightmap.settings import ModelSettings, PredictorTraining
-from saltus.heightmap.training.calibration import calibrate
+from saltus.heightmap.training.calibration import calibrate_intervals
 from saltus.heightmap.training.dataset import (
     NO_NOISE,
     TRAINING_NOISE,
@@ -68,7 +68,7 @@ class TrainingProgress:
     """
 
 
-def train(
+def train_heightmap(
     data: Path,
     checkpoint: Path,
     config: PredictorTraining,
@@ -144,7 +144,7 @@ def train(
                 )  # fmt: skip
                 progress(state)
             if last:
-                calibrate(model, held_out, delivery, _noise(config), config.seed)
+                calibrate_intervals(model, held_out, delivery, _noise(config), config.seed)
             if now - saved > config.save_every_s or last:
                 _save(checkpoint, origin, update, model, optimiser)
                 saved, kept = now, update
@@ -164,10 +164,17 @@ def _stores(
 ) -> tuple[EpisodeStore, EpisodeStore]:
     """Episodes to fit, and those held out."""
     # Every round of the dataset is drawn equally often, however many episodes it has.
-    weights = split([1.0 / record.episodes for record in records for _ in range(record.episodes)])
-    true_depth = split([record.camera.ideal for record in records for _ in range(record.episodes)])
+    weights = split_episodes(
+        [1.0 / record.episodes for record in records for _ in range(record.episodes)]
+    )
+    true_depth = split_episodes(
+        [record.camera.ideal for record in records for _ in range(record.episodes)]
+    )
     parts = zip(
-        split([shown(episode) for episode in read_dataset(data)]), weights, true_depth, strict=True
+        split_episodes([shown(episode) for episode in read_dataset(data)]),
+        weights,
+        true_depth,
+        strict=True,
     )
     fitted, held_out = (
         EpisodeStore(episodes, device, weight, true) for episodes, weight, true in parts
@@ -203,7 +210,7 @@ def _updates(
         yield loss.detach(), _masked_mean(error, window.valid)
 
 
-def split(episodes: list[Item]) -> tuple[list[Item], list[Item]]:
+def split_episodes(episodes: list[Item]) -> tuple[list[Item], list[Item]]:
     """Episodes to fit and episodes to validate on; always the same ones of a dataset."""
     fitted = [e for i, e in enumerate(episodes) if i % HELD_OUT != HELD_OUT - 1]
     held_out = episodes[HELD_OUT - 1 :: HELD_OUT]
@@ -240,7 +247,7 @@ def load_checkpoint(checkpoint: Path) -> tuple[HeightmapModel, TrainingOrigin]:
         ) from error
 
 
-def settings_of(checkpoint: Path) -> PredictorTraining:
+def checkpoint_settings(checkpoint: Path) -> PredictorTraining:
     """The settings of the training that wrote a checkpoint.
 
     Raises:
@@ -320,7 +327,7 @@ def _begun(checkpoint: Path, origin: TrainingOrigin) -> CheckpointTable | None:
     if not checkpoint.exists():
         return None
     table = _read(checkpoint)
-    found = differences(_compared(table["origin"]), _compared(origin))
+    found = setting_differences(_compared(table["origin"]), _compared(origin))
     if differs := ", ".join(f"{d.name} = {d.before}, not {d.now}" for d in found):
         raise ModelError(
             f"{checkpoint} is of another training ({differs}): name another folder with --out"

@@ -9,7 +9,7 @@ import numpy as np
 
 from saltus.arrays import Floats, Singles
 from saltus.depth import model_image
-from saltus.heightmap.data.delivery import FRAME_TICKS, ImageDeliveryModel, deliver
+from saltus.heightmap.data.delivery import FRAME_TICKS, ImageDeliveryModel, draw_delivery
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.sight import NetworkInputs
@@ -60,7 +60,7 @@ class HeightAccuracy:
         )
 
 
-def accuracy(
+def height_accuracy(
     network: HeightmapNetwork,
     episodes: Sequence[Episode],
     delivery: ImageDeliveryModel | None = None,
@@ -157,7 +157,7 @@ def episode_inputs(episode: Episode, delivery: ImageDeliveryModel) -> Iterator[N
     images without noise.
     """
     images, blank = model_image(episode.depth), model_image(np.zeros_like(episode.depth[0]))
-    delivered = deliver([episode], delivery, np.random.default_rng(0))
+    delivered = draw_delivery([episode], delivery, np.random.default_rng(0))
     ((frames, ages_s, news),) = zip(*delivered, strict=True)
     for features, frame, age_s, new in zip(
         episode.proprioception, frames, ages_s, news, strict=True

@@ -9,7 +9,7 @@ from typing import Annotated
 from saltus.arrays import Array, namespace
 from saltus.config import check_between
 from saltus.errors import ConfigError
-from saltus.flags import shown
+from saltus.flags import flag_help
 from saltus.terrain.course_batch import BOXES
 from saltus.terrain.course_law import KINDS
 from saltus.terrain.course_table import CourseTable
@@ -36,7 +36,9 @@ class CurriculumSettings:
     ditch: float = 0.0
     """Share of this kind and of the five above, which are left out unless they are asked for, see
     `saltus.terrain.course_law.KINDS`."""
-    own: Annotated[dict[str, float], shown("NAME SHARE ...", "none")] = field(default_factory=dict)
+    own: Annotated[dict[str, float], flag_help("NAME SHARE ...", "none")] = field(
+        default_factory=dict
+    )
     """Share of ramp_up, ramp_down, and of families of your own, by name.
 
     See `saltus.terrain.own_families`.
@@ -159,6 +161,6 @@ def moved_level(
     return xp.where(is_drawn | (moved >= levels), drawn, moved)
 
 
-def difficulty(config: CurriculumSettings, level: Array, draw: Array) -> Array:
+def level_difficulty(config: CurriculumSettings, level: Array, draw: Array) -> Array:
     """Difficulty of a course of `level`, shape (n,)."""
     return config.hardest * (level + draw) / config.levels

@@ -7,13 +7,13 @@ from torch import Tensor
 
 from saltus.grid import HeightGrid
 from saltus.loop.planner import observe
-from saltus.policy.env.jump_memory import JumpMemory, store
+from saltus.policy.env.jump_memory import JumpMemory, write_memory
 from saltus.policy.env.randomisation import WIDE
 from saltus.policy.env.settings import JumpEnvSettings
 from saltus.policy.policy_features import (
     PROPRIOCEPTION_SIZE,
-    features,
-    remembered,
+    next_past,
+    policy_features,
     size_with,
     with_past,
 )
@@ -21,7 +21,7 @@ from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.states import Proprioception
-from saltus.terrain.course_batch import CourseBatch, descends
+from saltus.terrain.course_batch import CourseBatch, may_lead_down
 from saltus.terrain.course_law import KINDS
 from saltus.terrain.course_table import OwnCourses
 
@@ -59,7 +59,7 @@ class EnvObservations:
         self._far = HeightGrid(x=FAR_X)
         self.actor = torch.zeros(count, size_with(grid, config.past_steps), device=device)
         self._has_wide = config.randomisation.wide.share > 0.0
-        self._descends, self.family = descends(memory.kind), memory.kind - len(KINDS)
+        self._descends, self.family = may_lead_down(memory.kind), memory.kind - len(KINDS)
         self.is_own = self.family >= 0
         """Which robots are on families of one's own, and below, on which; shape (n,)."""
         self.table = (
@@ -113,7 +113,7 @@ class EnvObservations:
         goal_z = (
             torch.where(descends, there, torch.maximum(there, ground[:, 0])) + self._stand_height
         )
-        store(memory, begins, goal_x=goal_x, goal_z=goal_z, goal_length=length, cycle=cycle)
+        write_memory(memory, begins, goal_x=goal_x, goal_z=goal_z, goal_length=length, cycle=cycle)
 
     def observe(self, draws: Tensor, fresh: Tensor) -> None:
         """Writes what policy and critic see now.
@@ -136,8 +136,10 @@ class EnvObservations:
             courses.height_at(*grid.points_in_world(position, yaw)) - position[:, 2:]
             for grid in (self.grid, self._far)
         )
-        self.actor.copy_(self._recalled(torch.nan_to_num(features(seen, shifted + noise)), fresh))
-        exact = features(seen, true)
+        self.actor.copy_(
+            self._recalled(torch.nan_to_num(policy_features(seen, shifted + noise)), fresh)
+        )
+        exact = policy_features(seen, true)
         known = self._privileged(yaw, far)
         self.critic.copy_(torch.nan_to_num(torch.cat([exact, known], -1)))
 
@@ -147,7 +149,7 @@ class EnvObservations:
             return vector
         plan = self._config.bounds.normalised(self._memory.plan)
         latest = torch.cat([self.actor[:, :PROPRIOCEPTION_SIZE], plan], -1)
-        store(self._memory, past=remembered(self._memory.past, latest, vector, fresh))
+        write_memory(self._memory, past=next_past(self._memory.past, latest, vector, fresh))
         return with_past(vector, self._memory.past, self._config.past_steps)
 
     def _privileged(self, yaw: Tensor, far: Tensor) -> Tensor:

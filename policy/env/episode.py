@@ -13,9 +13,9 @@ from saltus.controller.estimator import Estimator
 from saltus.effects.body import BodyModel
 from saltus.effects.heightmap_shift import shift_of
 from saltus.effects.profile import Profile
-from saltus.policy.env.curriculum import difficulty, next_level
+from saltus.policy.env.curriculum import level_difficulty, next_level
 from saltus.policy.env.env_observations import EnvObservations
-from saltus.policy.env.jump_memory import JumpMemory, store
+from saltus.policy.env.jump_memory import JumpMemory, write_memory
 from saltus.policy.env.randomisation import BODY_DRAWS, SOFT_RUBBER, draw_bodies, draw_wide
 from saltus.policy.env.settings import JumpEnvSettings
 from saltus.robots.legs import LegKinematics
@@ -145,28 +145,30 @@ class EpisodeResets:
         )
         # A robot's first episode, which may be too short for any way, moves no level when its time
         # is over.
-        store(memory, self.done & (failed | finished | (memory.first_time_s == 0.0)), level=level)
+        write_memory(
+            memory, self.done & (failed | finished | (memory.first_time_s == 0.0)), level=level
+        )
 
     def reset(self, mask: Tensor) -> None:
         """Starts the next episode of the robots in `mask`, bool, shape (n,)."""
         memory, ranges = self._memory, self._config.randomisation
         drawn = self._drawn
-        hard = difficulty(
+        hard = level_difficulty(
             self._config.curriculum, memory.level, _EVENT_DRAWS.of(drawn.event).difficulty
         )
         course = draw_courses(memory.kind, hard, drawn.course)
         names = ("low", "high", "top", "finish_x", "slope", "floor")
-        store(memory, mask, **{name: getattr(course, name) for name in names})
+        write_memory(memory, mask, **{name: getattr(course, name) for name in names})
         if (table := self._views.table) is not None:
             place = table.draw(self._views.family, memory.level, DRAWS.of(drawn.course).start)
             own = {name: getattr(table, name)[place] for name in ("finish_x", "slope", "floor")}
-            store(memory, mask & self._views.is_own, course=place, **own)
+            write_memory(memory, mask & self._views.is_own, course=place, **own)
         bodies = draw_bodies(ranges, drawn.body)
-        store(memory, mask, **bodies)
+        write_memory(memory, mask, **bodies)
         self._engine.set_terrain(self._views.courses().boxes())
         if self._wide.share > 0.0:
             mass_kg = self._engine.robot.mass
-            store(
+            write_memory(
                 memory,
                 mask,
                 **draw_wide(ranges, bodies["friction"], mass_kg, self._grown, drawn.wide),
@@ -176,7 +178,7 @@ class EpisodeResets:
         self._place(mask, start)
         zero = torch.zeros_like(memory.phase)
         shift = self._shift + (2.0 * start.height_shift - 1.0) * self._shift_range
-        store(
+        write_memory(
             memory,
             mask,
             phase=zero,
@@ -220,7 +222,7 @@ class EpisodeResets:
         event, body = _EVENT_DRAWS.of(self._drawn.event), BODY_DRAWS.of(self._drawn.body)
         redrawn = event.torque_time < POLICY_DT / ranges.torque_period_s
         torque = ranges.pitch_torque_nm * (2.0 * event.torque - 1.0)
-        store(memory, redrawn, pitch_torque=torque)
+        write_memory(memory, redrawn, pitch_torque=torque)
         across = rotation_matrix(self._qpos[:, 3:7].float())[:, :, 1]
         self._wrench[:, 3:6] = (across * memory.pitch_torque[:, None]).to(self._wrench.dtype)
         pushed = event.push_time < POLICY_DT / ranges.push_period_s
@@ -255,8 +257,8 @@ class EpisodeResets:
         self._qpos.copy_(torch.where(rows, fresh, self._qpos))
         self._qvel.copy_(torch.where(rows, torch.zeros_like(self._qvel), self._qvel))
         self._warmstart.copy_(torch.where(rows, torch.zeros_like(self._warmstart), self._warmstart))
-        store(memory, mask, start_x=x, heading=yaw * drawn.heading)
-        store(memory, mask, liftoff=feet @ rotation_matrix(quaternion).mT)
+        write_memory(memory, mask, start_x=x, heading=yaw * drawn.heading)
+        write_memory(memory, mask, liftoff=feet @ rotation_matrix(quaternion).mT)
 
     @property
     def height_noise(self) -> Tensor:

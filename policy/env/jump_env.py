@@ -30,8 +30,13 @@ from saltus.policy.bounds import ACTIONS, plan_from_values
 from saltus.policy.env.curriculum import kinds_of_robots
 from saltus.policy.env.env_observations import EnvObservations
 from saltus.policy.env.episode import EpisodeResets
-from saltus.policy.env.jump_memory import JumpMemory, blank_memory, keep, store
-from saltus.policy.env.jump_rewards import JumpRewardInputs, reward_terms
+from saltus.policy.env.jump_memory import (
+    JumpMemory,
+    blank_jump_memory,
+    write_effect_state,
+    write_memory,
+)
+from saltus.policy.env.jump_rewards import JumpRewardInputs, jump_reward_terms
 from saltus.policy.env.randomisation import training_drives
 from saltus.policy.env.settings import JumpEnvSettings
 from saltus.policy.env.training_env import TrainingEnv, Transition
@@ -95,7 +100,9 @@ class JumpEnv(TrainingEnv):
         self._estimator = Estimator(self.robot)
         kinds = kinds_of_robots(config.curriculum.shares, self.count)
         plans = 1 + math.ceil(config.randomisation.plan_delay_s[1] / POLICY_DT)
-        self.memory = blank_memory(kinds, plans, max(config.past_steps, default=0), self.device)
+        self.memory = blank_jump_memory(
+            kinds, plans, max(config.past_steps, default=0), self.device
+        )
         self._plans_ago = torch.arange(plans, device=self.device)
         self._blank_law = self._law.init((self.count,), self.memory.phase)
         self.standing = torch.zeros(self.count, dtype=torch.bool, device=self.device)
@@ -150,7 +157,9 @@ class JumpEnv(TrainingEnv):
         # Before its first plan a robot had none
         begins = (memory.time_s == memory.first_time_s)[:, None, None]
         plans = torch.where(begins, latest, torch.cat([latest, memory.plans[:, :-1]], 1))
-        store(memory, plan=plan, excess=excess, plans=plans, tick=torch.zeros_like(memory.tick))
+        write_memory(
+            memory, plan=plan, excess=excess, plans=plans, tick=torch.zeros_like(memory.tick)
+        )
         self.memory.terms.zero_()
         self.memory.touched.zero_()
 
@@ -165,7 +174,7 @@ class JumpEnv(TrainingEnv):
         command = self._or_stand(command)
         self._drive(command, true.joint_position, true.joint_velocity)
         stands = self.standing[:, None]
-        store(
+        write_memory(
             memory,
             phase=torch.where(self.standing, 0.0, state.gait.phase),
             liftoff=state.liftoff,
@@ -210,14 +219,16 @@ class JumpEnv(TrainingEnv):
     def _sense(self) -> None:
         memory, true = self.memory, engine_states(self._engine, self.memory)
         if memory.imu:
-            keep(memory.imu, self._imu.step(_reading(true), self._time_s(), memory.imu[1]))
+            write_effect_state(
+                memory.imu, self._imu.step(_reading(true), self._time_s(), memory.imu[1])
+            )
         states = self._sensed(true)
         rotation = rotation_matrix(true.quaternion_base_in_world)
         old = EstimatorState(mean=memory.estimate, variance=memory.variance)
         new = self._estimator.step(states, memory.trusted, old)
         touching = torch.as_tensor(self._engine.touching())
-        terms = reward_terms(self.config.reward, self._reward_inputs(rotation, touching))
-        store(
+        terms = jump_reward_terms(self.config.reward, self._reward_inputs(rotation, touching))
+        write_memory(
             memory,
             estimate=new.mean,
             variance=new.variance,
@@ -269,7 +280,7 @@ class JumpEnv(TrainingEnv):
             now = self._imu.step(
                 _reading(engine_states(self._engine, self.memory)), self._time_s(), imu[1], robots
             )
-            keep(imu, chosen_of(robots, now, imu))
+            write_effect_state(imu, chosen_of(robots, now, imu))
         self.views.set_goals(robots)
 
     def states(self) -> ProprioceptionArrays:

@@ -38,7 +38,7 @@ class JumpMemory:
     # the present action
     plan: Tensor  # (10,), values within bounds
     plans: Tensor  # (length, 10): the same, and those before it
-    # (steps, RECALLED): what the policy remembers, see `saltus.policy.policy_features.remembered`
+    # (steps, RECALLED): what the policy remembers, see `saltus.policy.policy_features.next_past`
     past: Tensor
     tick: Tensor  # physics steps since the plan
     excess: Tensor
@@ -97,7 +97,9 @@ _ROWS: dict[str, tuple[int, ...]] = {
 _FLAGS = {"contact": (4,), "trusted": (4,), "touched": (16,)}
 
 
-def blank_memory(kinds: Iterable[int], plans: int, past: int, device: torch.device) -> JumpMemory:
+def blank_jump_memory(
+    kinds: Iterable[int], plans: int, past: int, device: torch.device
+) -> JumpMemory:
     """Zeros for robots on the given kinds of terrain.
 
     Every episode begins with a reset that fills them.
@@ -120,7 +122,7 @@ def blank_memory(kinds: Iterable[int], plans: int, past: int, device: torch.devi
     return JumpMemory(**tensors)
 
 
-def store(memory: Any, mask: Tensor | None = None, **values: Tensor) -> None:
+def write_memory(memory: Any, mask: Tensor | None = None, **values: Tensor) -> None:
     """Writes values of a memory in place: everywhere,
     or in the rows where `mask`, bool of shape (n,), is set.
     """
@@ -131,6 +133,6 @@ def store(memory: Any, mask: Tensor | None = None, **values: Tensor) -> None:
         old.copy_(value)
 
 
-def keep(old: State, new: State) -> None:
+def write_effect_state(old: State, new: State) -> None:
     """Writes the state of effects over one that is built alike, in place."""
     map_arrays(lambda value, place: place.copy_(value), new, old)

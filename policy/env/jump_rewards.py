@@ -89,7 +89,7 @@ _FARTHEST = 4.0
 _FREE_SPEED, _FASTEST = 0.9, 1.3
 
 
-def reward_terms(config: JumpRewardSettings, given: JumpRewardInputs) -> Array:
+def jump_reward_terms(config: JumpRewardSettings, given: JumpRewardInputs) -> Array:
     """All terms, weighted, in the order of `TERMS`, shape (n, len(TERMS))."""
     xp = namespace(given.stepping_frequency)
     frequency = given.stepping_frequency

@@ -22,7 +22,7 @@ from saltus.effects.motors import TorqueGain
 from saltus.effects.profile import Profile
 from saltus.errors import ConfigError
 from saltus.robots.robot import Robot
-from saltus.terrain.course_law import between
+from saltus.terrain.course_law import scale_draw
 from saltus.trial import NOMINAL_FEEDFORWARD_DELAY_S
 
 BODY_DRAWS = ColumnNames(
@@ -186,12 +186,12 @@ def draw_bodies(config: RandomisationSettings, draws: Array) -> dict[str, Array]
         for axis, limit in enumerate(config.com_shift_m)
     ]
     return {
-        "friction": between(config.friction, drawn.friction),
-        "payload_kg": between(config.payload_kg, drawn.payload_kg),
-        "motor_strength": between(config.motor_strength, drawn.motor_strength),
+        "friction": scale_draw(config.friction, drawn.friction),
+        "payload_kg": scale_draw(config.payload_kg, drawn.payload_kg),
+        "motor_strength": scale_draw(config.motor_strength, drawn.motor_strength),
         "com_shift": namespace(draws).stack(com, -1),
-        "delay_s": between(config.feedforward_delay_s, drawn.delay_s),
-        "plan_delay_s": between(config.plan_delay_s, drawn.plan_delay_s),
+        "delay_s": scale_draw(config.feedforward_delay_s, drawn.delay_s),
+        "plan_delay_s": scale_draw(config.plan_delay_s, drawn.plan_delay_s),
     }
 
 

@@ -19,7 +19,7 @@ from saltus.constants import PHYSICS_DT
 from saltus.effects.chain import ActuatorChain, Torques
 from saltus.effects.effect import map_arrays
 from saltus.joint_command import JointCommand
-from saltus.policy.env.jump_memory import keep, store
+from saltus.policy.env.jump_memory import write_effect_state, write_memory
 from saltus.robots.legs import LegKinematics
 from saltus.sim.engine import Engine
 
@@ -187,7 +187,7 @@ class TrainingEnv(ABC):
 
     def set_levels(self, level: Tensor) -> None:
         """Starts every robot again on a course of the given level, shape (n,)."""
-        store(self.memory, level=level)
+        write_memory(self.memory, level=level)
         self._begin(prepare=False)
 
     def _equip(self, drives: ActuatorChain) -> None:
@@ -220,8 +220,8 @@ class TrainingEnv(ABC):
             self._begin(prepare=False)
             return
         age = torch.rand(self.count, generator=self._generator, device=self.device)
-        store(self.memory, time_s=age * self._time_limit_s)
-        store(self.memory, first_time_s=self.memory.time_s)
+        write_memory(self.memory, time_s=age * self._time_limit_s)
+        write_memory(self.memory, first_time_s=self.memory.time_s)
         for tally in self._sums:
             tally.zero_()
 
@@ -240,7 +240,7 @@ class TrainingEnv(ABC):
         self._ctrl.copy_(torque.applied)
         if (resistance := torque.resistance) is not None:
             self._engine.set_joints(resistance.friction, resistance.damping, resistance.armature)
-        keep(memory.actuators, actuators)
+        write_effect_state(memory.actuators, actuators)
         return torque
 
     def _time_s(self) -> Tensor:

@@ -25,7 +25,7 @@ from saltus.setup import Setup
 from saltus.terrain.curriculum import is_drawn, make_terrain
 from saltus.terrain.terrain import Terrain
 from saltus.trial import TIME_LIMIT_S, Outcome, Trial
-from saltus.workers import WorkerListener, in_order, tell
+from saltus.workers import WorkerListener, in_order, tell_progress
 
 BATCH = 25
 """Robots that a process runs at once: of 10 each costs twice the processor time, as numpy's calls
@@ -161,7 +161,7 @@ class EvaluationResult:
         return float(np.median(times)) if times else math.nan
 
 
-def evaluate(
+def evaluate_policy(
     evaluation: EvaluationSettings,
     heights: HeightsFactory = shifted_heights,
     planner: PlannerFactory = ScriptedPlanner,
@@ -179,8 +179,8 @@ def evaluate(
     yield from in_order(run, batches, processes, listener)
 
 
-def merged(batches: Iterable[dict[int, TrialResult]]) -> EvaluationResult:
-    """Puts the batches of `evaluate` together."""
+def merge_batches(batches: Iterable[dict[int, TrialResult]]) -> EvaluationResult:
+    """Puts the batches of `evaluate_policy` together."""
     results = {seed: result for batch in batches for seed, result in batch.items()}
     seeds = tuple(sorted(results))
     return EvaluationResult(seeds=seeds, trials=tuple(results[seed] for seed in seeds))
@@ -223,8 +223,8 @@ def _telling(loop: Loop, terrains: Sequence[Terrain]) -> Iterator[Moment]:
         if index % TELL_STEPS == 0:
             way = np.where(step.running, step.truth.position_base_in_world[:, 0] / finish_x, 1.0)
             before, done = done, np.maximum(done, np.clip(way, 0.0, 1.0))
-            tell(float((done - before).sum()))
-    tell(float((1.0 - done).sum()))
+            tell_progress(float((done - before).sum()))
+    tell_progress(float((1.0 - done).sum()))
 
 
 def courses_of(course: TerrainConfig, seeds: Sequence[int]) -> list[Terrain]:

@@ -11,11 +11,11 @@ import plotly.graph_objects as go
 from saltus.config import to_toml
 from saltus.policy.evaluation.evaluate import EvaluationResult, EvaluationSettings, TrialResult
 from saltus.policy.evaluation.trial_pictures import picture_strip
-from saltus.provenance import commit
+from saltus.provenance import current_commit
 from saltus.recordings.report import course_title
-from saltus.recordings.summary import shown
+from saltus.recordings.summary import number_text
 from saltus.reports.figures import BLUE, GREEN, RED, contact_figure, ground_figure, laid_out
-from saltus.reports.page import render, write_page
+from saltus.reports.page import render_page, write_page
 from saltus.terrain.terrain import Terrain
 
 SHOWN = 20  # trials whose curves are drawn: more would hide each other
@@ -32,11 +32,11 @@ def write_evaluation_report(
     drawn = result.trials[:SHOWN]
     setups = evaluation.setups(result.seeds[:SHOWN])
     terrains = [setup.terrain for setup in setups]
-    text = render(
+    text = render_page(
         __file__,
         result=result,
         printed=table,
-        shown=shown,
+        shown=number_text,
         course=course_title(terrains[0]),
         alike=f"of the first {len(drawn)} trials"
         if len(drawn) < len(result.trials)
@@ -50,7 +50,7 @@ def write_evaluation_report(
             (cause.replace("_", " "), count, _places(result, cause))
             for cause, count in _worst_first(result)
         ],
-        commit=commit(),
+        commit=current_commit(),
         config=to_toml(evaluation),
     )
     write_page(path, text)

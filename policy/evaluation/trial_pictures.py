@@ -8,7 +8,7 @@ from saltus.errors import SaltusError
 from saltus.policy.evaluation.trial_trace import TrialTrace
 from saltus.reports.page_templates import data_url
 from saltus.setup import Setup
-from saltus.sim.video import snapshots
+from saltus.sim.video import render_snapshots
 
 MOMENTS = 6
 FIRST_S = 1.2  # the robot stands for 1 s
@@ -28,7 +28,9 @@ def picture_strip(setup: Setup, trace: TrialTrace) -> Markup:
         pose, joints, heights = (
             array.astype(np.float64) for array in (*poses, trace.heights[rows])
         )
-        frames = snapshots(setup.robot, setup.terrain, pose, joints, setup.grid, heights, size=SIZE)
+        frames = render_snapshots(
+            setup.robot, setup.terrain, pose, joints, setup.grid, heights, size=SIZE
+        )
     except SaltusError as error:
         return Markup("<p>No pictures: {}</p>").format(error)
     shown = Markup('<img src="{}" alt="robot at {:.2f} s" width="33%">')

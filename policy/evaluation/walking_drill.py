@@ -16,9 +16,9 @@ from saltus.policy.evaluation.walking_judge import (
     BEGINS_S,
     WalkEndCause,
     WalkRun,
-    failure,
-    median,
-    yaw_of,
+    base_yaw,
+    failure_reason,
+    median_or_none,
 )
 from saltus.policy.evaluation.walks import WalkStep
 from saltus.sim.plant_state import PlantState
@@ -58,7 +58,7 @@ AHEAD_MPS, ASIDE_MPS, DRAWN_TURN_RPS = (-0.5, 1.0), 0.4, 0.8
 """Ranges of the drill's drawn commands, each within what policies are trained on."""
 
 
-def drill(run: WalkRun, seed: int) -> DrillResult:
+def run_drill(run: WalkRun, seed: int) -> DrillResult:
     """Leads a robot through the drill; the seed draws the commands."""
     rng = np.random.default_rng((seed, 2))
     drawn = [
@@ -88,7 +88,7 @@ def drill(run: WalkRun, seed: int) -> DrillResult:
     cause: WalkEndCause = ""
     for step in run(operator):
         steps.append(step)
-        cause = failure(step)
+        cause = failure_reason(step)
         if cause or step.time_s >= _ENDS:
             break
     stop_m, stop_s = _stop(steps)
@@ -118,7 +118,7 @@ def _asked(wish: Wish) -> Floats:
 
 def _motion(truth: PlantState) -> Floats:
     """Velocity ahead, to the left, and turning, as commands have them, shape (3,)."""
-    cos, sin = math.cos(yaw := yaw_of(truth)), math.sin(yaw)
+    cos, sin = math.cos(yaw := base_yaw(truth)), math.sin(yaw)
     x, y = truth.velocity_base_in_world[:2]
     return np.array([cos * x + sin * y, cos * y - sin * x, truth.angular_velocity_base[2]])
 
@@ -136,7 +136,7 @@ def _turn(steps: Sequence[WalkStep]) -> tuple[float, float]:
     part = [step for step in steps if step.time_s >= _TURN_FROM]
     if not part:
         return math.nan, math.nan
-    turned = np.unwrap([yaw_of(step.truth) for step in part])
+    turned = np.unwrap([base_yaw(step.truth) for step in part])
     done = np.flatnonzero(turned - turned[0] >= math.pi)
     if not done.size:
         return math.nan, math.nan
@@ -154,10 +154,10 @@ def drill_row(results: Sequence[DrillResult]) -> dict[str, Any]:
         "trials": len(results),
         "failures": dict(Counter(each.cause for each in results if each.cause)),
         "ahead_mps": ahead, "aside_mps": aside, "turn_rps": turn,
-        "stop_m": median([each.stop_m for each in whole]),
+        "stop_m": median_or_none([each.stop_m for each in whole]),
         "stop_m_most": max((each.stop_m for each in whole), default=None),
         "stopped_within_1_m": sum(each.stop_m <= 1.0 for each in whole),
-        "turn_s": median([each.turn_s for each in whole if not math.isnan(each.turn_s)]),
+        "turn_s": median_or_none([each.turn_s for each in whole if not math.isnan(each.turn_s)]),
         "turned_within_4_s": sum(each.turn_s <= 4.0 for each in whole),
         "outcomes": [vars(each) for each in results],
     }  # fmt: skip

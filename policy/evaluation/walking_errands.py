@@ -19,10 +19,10 @@ from saltus.policy.evaluation.walking_judge import (
     SLACK,
     WalkEndCause,
     WalkRun,
-    along,
+    base_yaw,
     drawn_speed,
-    failure,
-    yaw_of,
+    failure_reason,
+    walk_along_x,
 )
 from saltus.policy.evaluation.walking_routes import WalkRoute
 from saltus.sim.plant_state import PlantState
@@ -56,7 +56,7 @@ class ErrandResult:
     """Lengths [m], angles [deg] and times [s] of it; NaN where it did not come so far."""
 
 
-def follow(run: WalkRun, seed: int, route: WalkRoute) -> ErrandResult:
+def run_route(run: WalkRun, seed: int, route: WalkRoute) -> ErrandResult:
     """Leads a robot over the goals of a route; the seed draws the speed."""
     speed, places = drawn_speed(seed), np.array([(0.0, 0.0), *route.goals])
     goals = Goals(route.goals, speed, MOST_TURN_RPS)
@@ -64,13 +64,13 @@ def follow(run: WalkRun, seed: int, route: WalkRoute) -> ErrandResult:
 
     def operator(time_s: float, truth: PlantState) -> Wish:
         del time_s
-        return goals.lead(truth.position_base_in_world[:2], yaw_of(truth))
+        return goals.lead(truth.position_base_in_world[:2], base_yaw(truth))
 
     way_m, last = 0.0, np.zeros(2)
     for step in run(operator):
         here = step.truth.position_base_in_world[:2]
         way_m, last = way_m + float(np.linalg.norm(here - last)), here
-        cause = failure(step)
+        cause = failure_reason(step)
         if not cause and _aside(here, places) > 0.5 * route.width_m:
             cause = "left"
         if not cause and step.time_s > limit_s:
@@ -92,7 +92,7 @@ def _aside(here: Floats, places: Floats) -> float:
     return float(np.linalg.norm(here - nearest, axis=1).min())
 
 
-def stop(run: WalkRun, seed: int, *, jumps: bool = False) -> ErrandResult:
+def run_stop(run: WalkRun, seed: int, *, jumps: bool = False) -> ErrandResult:
     """Leads a robot along x, at 1.0 m/s where it walks, and stops it at a place that is drawn."""
     at_m = JUMP_STOP_AT_M if jumps else STOP_AT_M
     stop_x = float(np.random.default_rng((seed, 3)).uniform(*at_m))
@@ -105,12 +105,12 @@ def stop(run: WalkRun, seed: int, *, jumps: bool = False) -> ErrandResult:
             told_s, there = time_s, truth.position_base_in_world[:2].copy()
             speed_mps = float(np.linalg.norm(truth.velocity_base_in_world[:2]))
         if math.isnan(told_s):
-            return Wish(mode=CommandMode.JUMP) if jumps else along(truth, STOP_MPS)
+            return Wish(mode=CommandMode.JUMP) if jumps else walk_along_x(truth, STOP_MPS)
         return STAND
 
     way_m = stood_s = math.nan
     for step in run(operator):
-        here, cause = step.truth.position_base_in_world[:2], failure(step)
+        here, cause = step.truth.position_base_in_world[:2], failure_reason(step)
         if not cause and abs(here[1]) > 0.5 * WIDTH_M:
             cause = "left"
         if math.isnan(told_s):
@@ -128,7 +128,7 @@ def stop(run: WalkRun, seed: int, *, jumps: bool = False) -> ErrandResult:
     return ErrandResult(seed=seed, cause=cause, figures=figures)
 
 
-def line(run: WalkRun, seed: int) -> ErrandResult:
+def run_line(run: WalkRun, seed: int) -> ErrandResult:
     """Leads a robot to a place and heading that the seed draws, and lets it stand there."""
     rng = np.random.default_rng((seed, 4))
     goal, heading = rng.uniform((0.8, -0.6), (2.5, 0.6)), float(rng.uniform(-0.5, 0.5))
@@ -141,7 +141,7 @@ def line(run: WalkRun, seed: int) -> ErrandResult:
                 return STAND
             # Once more, as far beyond as it has come to rest short of the line
             aim = aim + (goal - truth.position_base_in_world[:2]).clip(-_MISSED_M, _MISSED_M)
-            aimed_heading += math.remainder(heading - yaw_of(truth), 2.0 * math.pi)
+            aimed_heading += math.remainder(heading - base_yaw(truth), 2.0 * math.pi)
             let_stand_s = math.inf
         offset, error = _offset(truth, aim, aimed_heading)
         if _within(offset, error, _NEAR_M, _NEAR_RAD):
@@ -149,7 +149,7 @@ def line(run: WalkRun, seed: int) -> ErrandResult:
         return STAND if time_s >= let_stand_s else _to_pose(offset, error)
 
     for step in run(operator):
-        cause: WalkEndCause = failure(step) or ("time_limit" if step.time_s > LINE_S else "")
+        cause: WalkEndCause = failure_reason(step) or ("time_limit" if step.time_s > LINE_S else "")
         offset, error = _offset(step.truth, goal, heading)
         stood = step.time_s - let_stand_s > STAND_S and step.mode == ControllerMode.STAND
         if cause or (stood and _within(offset, error, LINE_M, LINE_RAD)):
@@ -167,7 +167,7 @@ def _within(offset: Floats, error: float, most_m: float, most_rad: float) -> boo
 
 def _offset(truth: PlantState, goal: Floats, heading: float) -> tuple[Floats, float]:
     """Way to a goal ahead and to the left [m], shape (2,), and turning to its heading [rad]."""
-    yaw = yaw_of(truth)
+    yaw = base_yaw(truth)
     cos, sin = math.cos(yaw), math.sin(yaw)
     x, y = goal - truth.position_base_in_world[:2]
     error = math.remainder(heading - yaw, 2.0 * math.pi)

@@ -63,7 +63,7 @@ _DRILL_M = 9.0  # length and width of the field on which robots are drilled
 _BESIDE_M = 12.0  # level ground around it: robots may leave the field
 
 
-def ground(name: str, seed: int) -> Terrain:
+def make_walk_ground(name: str, seed: int) -> Terrain:
     """Ten metres of a ground by its name, drawn by a seed; `ConfigError` where there is none."""
     check_known("no ground", name, GROUNDS)
     floor = 0.005 if name in DRILL_GROUNDS else 0.0

@@ -31,7 +31,7 @@ WalkRun = Callable[[Operator], Iterator[WalkStep]]
 """A robot, told by an operator, step by step."""
 
 
-def failure(step: WalkStep) -> WalkEndCause:
+def failure_reason(step: WalkStep) -> WalkEndCause:
     """Reason for which a robot cannot go on after a step; empty where it can."""
     if step.touched:
         return "trunk_contact"
@@ -40,7 +40,7 @@ def failure(step: WalkStep) -> WalkEndCause:
     return "stopped" if step.mode in (ControllerMode.STOPPED, ControllerMode.DAMP) else ""
 
 
-def yaw_of(truth: PlantState) -> float:
+def base_yaw(truth: PlantState) -> float:
     """Yaw of the base [rad]."""
     return float(roll_pitch_yaw(rotation_matrix(truth.quaternion_base_in_world))[2])
 
@@ -50,14 +50,14 @@ def drawn_speed(seed: int) -> float:
     return float(np.random.default_rng((seed, 1)).uniform(*SPEEDS_MPS))
 
 
-def along(truth: PlantState, speed: float) -> Wish:
+def walk_along_x(truth: PlantState, speed: float) -> Wish:
     """The command that leads a robot along x, back to y = 0 where it left it."""
     heading = float(np.clip(-MIDDLE_GAIN * truth.position_base_in_world[1], -1.0, 1.0))
-    error = math.remainder(heading - yaw_of(truth), 2.0 * math.pi)
+    error = math.remainder(heading - base_yaw(truth), 2.0 * math.pi)
     turn = float(np.clip(HEADING_GAIN * error, -MOST_TURN_RPS, MOST_TURN_RPS))
     return Wish(mode=CommandMode.WALK, ahead_mps=speed, turn_rps=turn)
 
 
-def median(values: Sequence[float]) -> float | None:
+def median_or_none(values: Sequence[float]) -> float | None:
     """Median of some values; None where there are none."""
     return float(np.median(values)) if len(values) else None

@@ -8,7 +8,7 @@ import numpy as np
 from saltus.drive.wish import Wish
 from saltus.errors import check_known
 from saltus.policy.evaluation.walking_errands import ErrandResult
-from saltus.policy.evaluation.walking_judge import WalkEndCause, WalkRun, failure, yaw_of
+from saltus.policy.evaluation.walking_judge import WalkEndCause, WalkRun, base_yaw, failure_reason
 from saltus.policy.mover import MOST_TURN_RPS
 from saltus.sim.plant_state import PlantState
 from saltus.terrain.course_segments import CourseSegment, Ditch, Level, RandomSizes, Stairs
@@ -70,7 +70,7 @@ def jumped_ground(name: str, seed: int, askew_deg: float = 0.0) -> Terrain:
     return Terrain(kind=name, boxes=way.boxes(_FLOOR_M, 0.0), finish_x=finish)
 
 
-def jump(run: WalkRun, seed: int, angles: JumpAngles, finish_m: float) -> ErrandResult:
+def run_jump(run: WalkRun, seed: int, angles: JumpAngles, finish_m: float) -> ErrandResult:
     """Lets a robot jump as far in the direction of the ground, in a heading that it is told."""
     askew, told = math.radians(angles.askew_deg), math.radians(angles.heading_deg)
     direction, goes_s = np.array([math.cos(askew), math.sin(askew)]), math.nan
@@ -83,13 +83,15 @@ def jump(run: WalkRun, seed: int, angles: JumpAngles, finish_m: float) -> Errand
 
     first = error = math.nan
     for step in run(operator):
-        yaw, ahead = yaw_of(step.truth), float(step.truth.position_base_in_world[:2] @ direction)
+        yaw, ahead = base_yaw(step.truth), float(step.truth.position_base_in_world[:2] @ direction)
         if math.isnan(goes_s):
             first = yaw
             goes_s = step.time_s if step.mode == ControllerMode.RUN else math.nan
         if step.time_s - goes_s <= HELD_S:
             error = abs(math.degrees(math.remainder(yaw - first - told, 2.0 * math.pi)))
-        cause: WalkEndCause = failure(step) or ("time_limit" if step.time_s > TIME_LIMIT_S else "")
+        cause: WalkEndCause = failure_reason(step) or (
+            "time_limit" if step.time_s > TIME_LIMIT_S else ""
+        )
         if cause or ahead >= finish_m:
             break
     figures = {"heading_deg": error, "time_s": step.time_s - goes_s}

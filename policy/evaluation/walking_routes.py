@@ -127,7 +127,7 @@ in 12 m by 12 m of rubble, 2.8 blocks a square metre up to 0.15 m high.
 """
 
 
-def route(name: str, seed: int) -> WalkRoute:
+def make_route(name: str, seed: int) -> WalkRoute:
     """A route by its name, drawn by a seed; `ConfigError` where there is none."""
     check_known("no route", name, ROUTES)
     return ROUTES[name](np.random.default_rng(seed))

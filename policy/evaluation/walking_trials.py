@@ -17,22 +17,33 @@ from saltus.drive.wish import Wish
 from saltus.named_setup import named_setups
 from saltus.policy.evaluation.evaluate import success_interval
 from saltus.policy.evaluation.walking_conditions import WalkConditions
-from saltus.policy.evaluation.walking_drill import DrillResult, drill, drill_row
-from saltus.policy.evaluation.walking_errands import ErrandResult, errand_row, follow, line, stop
-from saltus.policy.evaluation.walking_grounds import FINISH_X, WIDTH_M, drill_ground, ground
+from saltus.policy.evaluation.walking_drill import DrillResult, drill_row, run_drill
+from saltus.policy.evaluation.walking_errands import (
+    ErrandResult,
+    errand_row,
+    run_line,
+    run_route,
+    run_stop,
+)
+from saltus.policy.evaluation.walking_grounds import (
+    FINISH_X,
+    WIDTH_M,
+    drill_ground,
+    make_walk_ground,
+)
 from saltus.policy.evaluation.walking_judge import (
     BEGINS_S,
     SLACK,
     WalkEndCause,
     WalkRun,
-    along,
     drawn_speed,
-    failure,
-    median,
+    failure_reason,
+    median_or_none,
+    walk_along_x,
 )
-from saltus.policy.evaluation.walking_jumps import JumpAngles, jump, jumped_ground
-from saltus.policy.evaluation.walking_routes import route
-from saltus.policy.evaluation.walks import Operator, RobotHeightSourceFactory, WalkStep, walk
+from saltus.policy.evaluation.walking_jumps import JumpAngles, jumped_ground, run_jump
+from saltus.policy.evaluation.walking_routes import make_route
+from saltus.policy.evaluation.walks import Operator, RobotHeightSourceFactory, WalkStep, walk_steps
 from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.joints.walker import Walker
 from saltus.policy.mover import FeetLines, Jumper, Mover
@@ -40,7 +51,7 @@ from saltus.policy.planner import jumping_grid, jumping_planner
 from saltus.setup import Setup
 from saltus.sim.plant_state import PlantState
 from saltus.terrain.terrain import Terrain
-from saltus.workers import WorkerListener, in_order, tell
+from saltus.workers import WorkerListener, in_order, tell_progress
 
 SEEDS_AT_A_TIME = 5
 
@@ -87,23 +98,23 @@ WalkTrialRun = Callable[[WalkRun, int], WalkTrialResult]
 """Leads a robot through something, by a seed, and judges it."""
 
 
-def prepared(
+def prepare_trial(
     kind: WalkTrialKind, name: str, seed: int, angles: JumpAngles
 ) -> tuple[Terrain, WalkTrialRun]:
     """The ground of a trial and what is done on it; `ConfigError` where there is no such ground."""
     if kind == "jump":
         terrain = jumped_ground(name, seed, angles.askew_deg)
-        return terrain, partial(jump, angles=angles, finish_m=terrain.finish_x)
+        return terrain, partial(run_jump, angles=angles, finish_m=terrain.finish_x)
     if kind == "jump_stop":
-        return jumped_ground(name, seed), partial(stop, jumps=True)
+        return jumped_ground(name, seed), partial(run_stop, jumps=True)
     if kind == "route":
-        drawn = route(name, seed)
-        return drawn.terrain, partial(follow, route=drawn)
+        drawn = make_route(name, seed)
+        return drawn.terrain, partial(run_route, route=drawn)
     if kind == "drill":
-        return drill_ground(name, seed), drill
+        return drill_ground(name, seed), run_drill
     if kind == "line":
-        return drill_ground(name, seed), line
-    return ground(name, seed), cross if kind == "cross" else stop
+        return drill_ground(name, seed), run_line
+    return make_walk_ground(name, seed), cross if kind == "cross" else run_stop
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +131,7 @@ class WalkTrialTask:
         results: list[WalkTrialResult] = []
         policy, tick = JointPolicy(trials.model), None
         for seed in self.seeds:
-            terrain, attempt = prepared(self.kind, self.ground, seed, trials.angles)
+            terrain, attempt = prepare_trial(self.kind, self.ground, seed, trials.angles)
             setup = trials.setup(terrain, seed)
             tick = tick or CompiledTickLaw(setup.robot)
             places = setup.grid.places_of(policy.description.height_grid())
@@ -132,14 +143,15 @@ class WalkTrialTask:
 
             def run(operator: Operator, here: Setup = setup) -> Iterator[WalkStep]:
                 push_ns = trials.conditions.push_ns
-                return walk(here, movers, source, operator, tick, push_ns)  # noqa: B023 - at once
+                # at once: the loop's variables are those of now
+                return walk_steps(here, movers, source, operator, tick, push_ns)  # noqa: B023
 
             results.append(attempt(run, seed))
-            tell(1.0)
+            tell_progress(1.0)
         return results
 
 
-def tasks(
+def trial_tasks(
     kind: WalkTrialKind,
     names: Sequence[str],
     source: RobotHeightSourceFactory,
@@ -179,11 +191,11 @@ def cross(run: WalkRun, seed: int) -> CrossingResult:
 
     def operator(time_s: float, truth: PlantState) -> Wish:
         del time_s
-        return along(truth, speed)
+        return walk_along_x(truth, speed)
 
     for step in run(operator):
         x, y = step.truth.position_base_in_world[:2]
-        cause = failure(step)
+        cause = failure_reason(step)
         if not cause and abs(y) > 0.5 * WIDTH_M:
             cause = "left"
         if not cause and step.time_s > limit_s:
@@ -205,8 +217,8 @@ def crossing_row(results: Sequence[CrossingResult]) -> dict[str, Any]:
         "successes": len(crossed),
         "success_interval95": list(success_interval(len(crossed), len(results))),
         "failures": dict(Counter(each.cause for each in results if each.cause)),
-        "speed_by_commanded": median(speeds),
-        "distance_m": median([each.distance_m for each in results]),
+        "speed_by_commanded": median_or_none(speeds),
+        "distance_m": median_or_none([each.distance_m for each in results]),
         "outcomes": [vars(each) for each in results],
     }
 

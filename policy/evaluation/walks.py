@@ -56,7 +56,7 @@ class TrueHeightSource:
         return true_heightmap(grid.x, grid.y, heights, time_ns=state.time_ns, step=state.step)
 
 
-def walk(
+def walk_steps(
     setup: Setup,
     movers: Sequence[Mover],
     source: RobotHeightSource,

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.config import load
+from saltus.config import load_config
 from saltus.errors import ConfigError, ModelError
 from saltus.model_file import ModelFile
 from saltus.policy.joints.description import PolicyDescription
@@ -29,7 +29,7 @@ class JointPolicy:
 
     def __init__(self, path: Path) -> None:
         if path.suffix == ".toml":
-            self.description = load(PolicyDescription, path)
+            self.description = load_config(PolicyDescription, path)
             if not self.description.model:
                 raise ConfigError(f"{path}: 'model' is missing: name the ONNX file beside it")
             self.file = ModelFile(path.parent / self.description.model)

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from saltus.policy.csv_tables import append_table, read_table
+from saltus.policy.csv_tables import append_table, read_csv_table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,11 +47,11 @@ def read_rows(table: Path) -> list[EvaluationRow]:
     types: dict[str, Any] = {f.name: f.type for f in fields(EvaluationRow)}
     return [
         EvaluationRow(**{name: types[name](text) for name, text in line.items()})
-        for line in read_table(table)
+        for line in read_csv_table(table)
     ]
 
 
-def summary(rows: Sequence[EvaluationRow]) -> str:
+def evaluation_line(rows: Sequence[EvaluationRow]) -> str:
     """One line for people: successes, way and time on each course."""
     parts = [
         f"{row.course} {100 * row.success_rate:.0f}% (way {100 * row.way_share:.0f}%"

@@ -40,7 +40,7 @@ def write_checkpoint(path: Path, state: dict[str, object]) -> None:
         raise SaltusError(f"cannot write {path}: {str(error).splitlines()[0]}") from error
 
 
-def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
+def read_policy_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str, Any]:
     """Reads what `Learner.save` wrote; `SaltusError` where the file is missing,
     damaged, or none of a motion policy.
     """
@@ -59,10 +59,10 @@ def read_checkpoint(path: Path, device: torch.device | str = "cpu") -> dict[str,
 
 
 @overload
-def config_of(state: Mapping[str, Any]) -> JumpTrainSettings: ...
+def training_config(state: Mapping[str, Any]) -> JumpTrainSettings: ...
 @overload
-def config_of(state: Mapping[str, Any], kind: type[Config]) -> Config: ...
-def config_of(state: Mapping[str, Any], kind: type[Any] = JumpTrainSettings) -> Any:
+def training_config(state: Mapping[str, Any], kind: type[Config]) -> Config: ...
+def training_config(state: Mapping[str, Any], kind: type[Any] = JumpTrainSettings) -> Any:
     """The configuration of a training, from what its checkpoint holds;
     `SaltusError` if it is another program's.
     """

@@ -11,8 +11,8 @@ import tyro
 from saltus.config import check_between
 from saltus.effects.profile import load_profile
 from saltus.errors import SaltusError
-from saltus.flags import shown
-from saltus.folders import differences
+from saltus.flags import flag_help
+from saltus.folders import setting_differences
 from saltus.gpu import has_gpu
 from saltus.policy.env.settings import LARGEST, JumpTrainSettings, for_cpu, for_gpu
 from saltus.policy.training.files import CHECKPOINT
@@ -40,7 +40,9 @@ class Train(TrainingCommand):
 
     folder = "policy-train"
 
-    evaluate_minutes: Annotated[float | None, shown("FLOAT", "3 beside a GPU, 0 on a CPU")] = None
+    evaluate_minutes: Annotated[float | None, flag_help("FLOAT", "3 beside a GPU, 0 on a CPU")] = (
+        None
+    )
     """Time between evaluations with the deployed stack, which run beside the training; 0: none."""
     training: Annotated[JumpTrainSettings, tyro.conf.arg(name="")]
 
@@ -78,12 +80,12 @@ class Train(TrainingCommand):
         return 0
 
     def _train(self, folder: Path, note: str) -> None:
-        from saltus.policy.training.train import device_of_this_process, train
+        from saltus.policy.training.train import device_of_this_process, train_policy
 
         rank = device_of_this_process(self.device)
         given = GPU_EVALUATE_MINUTES if rank.device != "cpu" else 0.0
         try:
-            train(
+            train_policy(
                 self.training,
                 folder,
                 minutes=self.minutes,
@@ -107,6 +109,7 @@ class Train(TrainingCommand):
 
 def _note(basis: JumpTrainSettings, now: JumpTrainSettings, what: str) -> str:
     found = [
-        f"{d.name} = {d.now} (there {d.before})" for d in differences(asdict(basis), asdict(now))
+        f"{d.name} = {d.now} (there {d.before})"
+        for d in setting_differences(asdict(basis), asdict(now))
     ]
     return f"differs from {what}: {', '.join(found)}" if found else f"as {what}"

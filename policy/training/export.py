@@ -17,13 +17,13 @@ from saltus.onnx_export import round_to_half, write_onnx
 from saltus.policy.actor import FORMAT, PolicyActor
 from saltus.policy.bounds import ACTIONS, ActionBounds
 from saltus.policy.env.settings import JumpTrainSettings
-from saltus.policy.policy_features import layout, size_with
+from saltus.policy.policy_features import feature_layout, size_with
 from saltus.policy.training.checkpoint import (
     NETWORK,
-    config_of,
     deployed_network,
     exported_actor,
-    read_checkpoint,
+    read_policy_checkpoint,
+    training_config,
 )
 from saltus.policy.training.learner import make_actor
 from saltus.robots.loading import load_robot
@@ -37,7 +37,7 @@ class DeployedPolicy(nn.Module):
 
     def __init__(self, checkpoint: dict[str, object]) -> None:
         super().__init__()
-        config = config_of(checkpoint)
+        config = training_config(checkpoint)
         self.past_steps = config.env.past_steps
         self.grid: HeightGrid = load_grid(config.grid)
         """Grid of its heights."""
@@ -55,7 +55,7 @@ class DeployedPolicy(nn.Module):
         return self.bounds.clipped(self.bounds.denormalised(self.network(features)))
 
 
-def export(checkpoint: Path, path: Path) -> float:
+def export_policy(checkpoint: Path, path: Path) -> float:
     """Writes the policy of a checkpoint as ONNX, whole or not at all.
 
     Weights of its layers are kept in half precision and computed with in single, those that
@@ -68,7 +68,7 @@ def export(checkpoint: Path, path: Path) -> float:
     Raises:
         SaltusError: the checkpoint cannot be read or does not fit, or the file cannot be written.
     """
-    state = read_checkpoint(checkpoint)
+    state = read_policy_checkpoint(checkpoint)
     policy = DeployedPolicy(state)
     round_to_half(policy.network.get_submodule("mlp"))
     write_onnx(
@@ -85,18 +85,18 @@ def export(checkpoint: Path, path: Path) -> float:
 
 def read_policy(path: Path) -> dict[str, object]:
     """Reads what `DeployedPolicy` is made of: a checkpoint, or,
-    by its suffix, an ONNX file that `export` wrote.
+    by its suffix, an ONNX file that `export_policy` wrote.
 
     Raises:
         SaltusError: the file is neither.
     """
     if path.suffix != ".onnx":
-        return read_checkpoint(path)
+        return read_policy_checkpoint(path)
     file = ModelFile(path)
     if file.field("format") != FORMAT:
         raise ModelError(f"{path} is no motion policy")
     state = {"config": str(file.field("config"))}
-    return state | {"actor_state_dict": exported_actor(_actor(config_of(state)), file)}
+    return state | {"actor_state_dict": exported_actor(_actor(training_config(state)), file)}
 
 
 def _actor(config: JumpTrainSettings) -> MLPModel:
@@ -113,7 +113,7 @@ def metadata(policy: DeployedPolicy, state: dict[str, object]) -> dict[str, obje
         "format": FORMAT,
         "robot": policy.robot.name,
         **grid_metadata(policy.grid),
-        "features": layout(policy.grid),
+        "features": feature_layout(policy.grid),
         "past_steps": list(policy.past_steps),
         "actions": list(ACTIONS),
         "low": list(policy.bounds.low),

@@ -18,9 +18,9 @@ from saltus.policy.env.jump_env import JumpEnv
 from saltus.policy.env.settings import LearningSettings
 from saltus.policy.env.training_env import TrainingEnv, Transition
 from saltus.policy.training.checkpoint import (
-    config_of,
     exported_actor,
-    read_checkpoint,
+    read_policy_checkpoint,
+    training_config,
     write_checkpoint,
 )
 
@@ -163,7 +163,7 @@ class Learner:
         Raises:
             SaltusError: the file is no checkpoint, or one of networks of another size.
         """
-        state = read_checkpoint(path, self._env.device)
+        state = read_policy_checkpoint(path, self._env.device)
         try:
             self.ppo.load(state, None, strict=True)
         except RuntimeError as error:
@@ -211,7 +211,7 @@ class JumpLearner(Learner):
         self._rebase({"config": file.field("config")})
 
     def _rebase(self, state: dict[str, Any]) -> None:
-        old = config_of(state).env.bounds
+        old = training_config(state).env.bounds
         if old != self._bounds:
             rebase(self.ppo.actor, old, self._bounds)
             self._share_parameters()

@@ -22,11 +22,11 @@ from saltus.model_file import ModelFile
 from saltus.policy.evaluation.evaluate import (
     EvaluationResult,
     EvaluationSettings,
-    merged,
+    merge_batches,
     run_batch,
 )
 from saltus.policy.planner import make_planner
-from saltus.policy.training.background_evaluation import EvaluationRow, append_rows, summary
+from saltus.policy.training.background_evaluation import EvaluationRow, append_rows, evaluation_line
 from saltus.terrain.course_law import PAPER
 from saltus.terrain.curriculum import make_terrain
 from saltus.terrain.own_families import own_families
@@ -80,20 +80,20 @@ def evaluate_checkpoint(
     Raises:
         SaltusError: the checkpoint cannot be read or does not fit.
     """
-    from saltus.policy.training.checkpoint import config_of, read_checkpoint
+    from saltus.policy.training.checkpoint import read_policy_checkpoint, training_config
 
     # here: the processes that run trials need no torch
     from saltus.policy.training.export import (
-        export,
+        export_policy,
     )
 
     with tempfile.TemporaryDirectory() as folder:
         model = Path(folder) / "policy.onnx"
-        export(checkpoint, model)
+        export_policy(checkpoint, model)
         # Knows what was exported: a training may have replaced the checkpoint since
         file = ModelFile(model)
         iteration, steps = int(file.field("iteration")), int(file.field("steps"))
-        trained = config_of(read_checkpoint(checkpoint))
+        trained = training_config(read_policy_checkpoint(checkpoint))
         run = partial(_results, trained.robot, trained.grid, model, trials)
         results = list(in_order(run, courses, processes))
     for course, result in zip(courses, results, strict=True):
@@ -105,7 +105,7 @@ def _results(robot: str, grid: str, model: Path, trials: int, course: str) -> Ev
         robot=robot, grid=grid, course=course_of(course), trials=trials, seed=FIRST_SEED
     )
     seeds = range(FIRST_SEED, FIRST_SEED + trials)
-    return merged(
+    return merge_batches(
         [
             run_batch(
                 evaluation, shifted_heights, partial(make_planner, "learned", model=model), seeds
@@ -145,7 +145,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     courses += sorted(own_families().keys() & given.kinds)
     rows = list(evaluate_checkpoint(given.checkpoint, courses, given.trials, given.processes))
     append_rows(given.table, rows)
-    print(summary(rows))  # noqa: T201
+    print(evaluation_line(rows))  # noqa: T201
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ from saltus.policy.env.settings import JumpEnvSettings, JumpTrainSettings
 from saltus.policy.training.learner import JumpLearner, Learner
 from saltus.policy.training.progress import JumpTally
 from saltus.policy.training.training_record import TrainingRecord
-from saltus.provenance import commit
+from saltus.provenance import current_commit
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.sim.engine import Engine
@@ -63,7 +63,7 @@ def engine_on(
     return WarpEngine(robot, count, boxes, dimensions=dimensions, device=device)
 
 
-def train(
+def train_policy(
     config: JumpTrainSettings,
     folder: Path,
     *,
@@ -116,16 +116,19 @@ def train(
     if rank.rank == 0:
         record = TrainingRecord(
             folder, config, learner, lambda: JumpTally(folder, env, learner),
-            commit=code or commit(), start_s=began - before_s, evaluate_s=60.0 * evaluate_minutes,
-            kinds=[kind for kind, share in shares.items() if share > 0.0], say=say, resumed=resume,
+            commit=code or current_commit(), start_s=began - before_s, evaluate_s=60.0 *
+            evaluate_minutes, kinds=[kind for kind, share in shares.items() if share > 0.0],
+            say=print_beside_bar, resumed=resume,
         )  # fmt: skip
         if note:
             record.say(note)
     ready = f"ready after {time.monotonic() - began:.0f} s: {env.count} robots on {rank.device}"
-    learn(learner, record, paced(learner, began, minutes, iterations, rank), ready)
+    learn_iterations(
+        learner, record, paced_iterations(learner, began, minutes, iterations, rank), ready
+    )
 
 
-def learn(
+def learn_iterations(
     learner: Learner, record: TrainingRecord | None, turns: Iterator[None], ready: str
 ) -> None:
     """An iteration for each of `turns`; saves at the end, also where it is interrupted.
@@ -160,7 +163,7 @@ def learn(
             record.close()
 
 
-def paced(
+def paced_iterations(
     learner: Learner, start: float, minutes: float, last: int | None, rank: Rank
 ) -> Iterator[None]:
     """One item for each iteration that there is time for,
@@ -192,8 +195,8 @@ def _over(start: float, minutes: float, rank: Rank) -> bool:
     return bool(over.item())
 
 
-def say(line: str) -> None:
-    """Prints a line beside the bar of `paced`."""
+def print_beside_bar(line: str) -> None:
+    """Prints a line beside the bar of `paced_iterations`."""
     tqdm.write(line, file=sys.stdout)
     sys.stdout.flush()
 

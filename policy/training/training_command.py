@@ -13,7 +13,7 @@ import tyro
 from saltus.config import check_between, load_changes
 from saltus.errors import SaltusError
 from saltus.extras import packages_of
-from saltus.flags import shown
+from saltus.flags import flag_help
 from saltus.folders import another_training, ask_for_room, new_folder
 from saltus.policy.training.files import CHECKPOINT
 
@@ -32,25 +32,25 @@ class TrainingCommand(ABC):
     folder: ClassVar[str]
     """Name of the new folders under runs/, after the date."""
 
-    out: Annotated[Path | None, shown("PATH", "a new one under runs/")] = None
+    out: Annotated[Path | None, flag_help("PATH", "a new one under runs/")] = None
     """Folder for checkpoint.pt, config.toml, log.txt and tables.
 
     One with another training is refused.
     """
     minutes: float = 15.0
     """Time limit, with compilation."""
-    iterations: Annotated[int | None, shown("INT", "none, the time ends it")] = None
+    iterations: Annotated[int | None, flag_help("INT", "none, the time ends it")] = None
     """Stop at this iteration, counted from the very first."""
-    resume: Annotated[Path | None, shown("PATH", "none, from nothing")] = None
+    resume: Annotated[Path | None, flag_help("PATH", "none, from nothing")] = None
     """Checkpoint to go on from, in its own folder or in another, which then gets its log and tables
     as well."""
-    start: Annotated[Path | None, shown("PATH", "none, from nothing")] = None
+    start: Annotated[Path | None, flag_help("PATH", "none, from nothing")] = None
     """ONNX file of a policy to begin with, as those in models/; critic and levels are new."""
-    config: Annotated[Path | None, shown("PATH", "none")] = None
+    config: Annotated[Path | None, flag_help("PATH", "none")] = None
     """TOML file with what is to differ from the resumed training, or from the defaults."""
     device: Literal["auto", "cpu"] = "auto"
     """auto: a GPU where there is one."""
-    commit: Annotated[str | None, shown("STR", "as git says")] = None
+    commit: Annotated[str | None, flag_help("STR", "as git says")] = None
     """Commit of the code that trains, where this machine has no repository."""
     training: Annotated[Any, tyro.conf.arg(name="")]
 
@@ -65,9 +65,9 @@ class TrainingCommand(ABC):
             SaltusError: the checkpoint cannot be used, or training is not installed.
         """
         with packages_of("train", "training"):
-            from saltus.policy.training.checkpoint import config_of, read_checkpoint
+            from saltus.policy.training.checkpoint import read_policy_checkpoint, training_config
         if self.resume is not None:
-            return config_of(read_checkpoint(self.resume), type(self.training))
+            return training_config(read_policy_checkpoint(self.resume), type(self.training))
         usual = self.usual()
         return replace(usual, learning=replace(usual.learning, **STARTED)) if self.start else usual
 
@@ -113,13 +113,13 @@ class TrainingCommand(ABC):
         Raises:
             SaltusError: it is one of these.
         """
-        from saltus.policy.training.checkpoint import config_of, read_checkpoint
+        from saltus.policy.training.checkpoint import read_policy_checkpoint, training_config
 
         ask_for_room(folder)
         there = folder / CHECKPOINT
         if not there.exists() or (self.resume is not None and _is_same_file(self.resume, there)):
             return
-        before = config_of(read_checkpoint(there), type(self.training))
+        before = training_config(read_policy_checkpoint(there), type(self.training))
         raise another_training(there, asdict(before), asdict(self.training))
 
 

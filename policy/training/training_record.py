@@ -14,8 +14,8 @@ from saltus.policy.csv_tables import carry_on
 from saltus.policy.training.background_evaluation import (
     BackgroundEvaluation,
     EvaluationRow,
+    evaluation_line,
     missing_packages,
-    summary,
 )
 from saltus.policy.training.files import CHECKPOINT, COMMIT, PROGRESS
 from saltus.policy.training.learner import Learner
@@ -109,7 +109,7 @@ class TrainingRecord:
     def _tell(self, rows: list[EvaluationRow]) -> None:
         if not rows:
             return
-        self.say(summary(rows))
+        self.say(evaluation_line(rows))
         for row in rows:
             values = {name: value for name, value in asdict(row).items() if name in _CURVES}
             self._progress.add(

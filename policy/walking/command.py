@@ -8,7 +8,7 @@ import tyro
 
 from saltus.config import check_between
 from saltus.extras import packages_of
-from saltus.flags import shown
+from saltus.flags import flag_help
 from saltus.policy.training.files import CHECKPOINT
 from saltus.policy.training.training_command import TrainingCommand
 from saltus.policy.walking.settings import WalkTrainSettings
@@ -48,9 +48,9 @@ class Train(TrainingCommand):
         folder = self.new_folder()
         self.check_folder(folder)
         from saltus.policy.training.train import device_of_this_process
-        from saltus.policy.walking.train import train
+        from saltus.policy.walking.train import train_walk
 
-        train(
+        train_walk(
             self.training,
             folder,
             minutes=self.minutes,
@@ -73,15 +73,15 @@ class Export:
 
     checkpoint: Path
     """The checkpoint.pt of a training."""
-    out: Annotated[Path | None, shown("PATH", "walk.onnx beside the checkpoint")] = None
+    out: Annotated[Path | None, flag_help("PATH", "walk.onnx beside the checkpoint")] = None
     """The file to write."""
 
     def run(self) -> int:
         """Writes it."""
         with packages_of("train", "exporting"):
-            from saltus.policy.walking.export import MODEL, export
+            from saltus.policy.walking.export import MODEL, export_walk
         path = self.out or self.checkpoint.with_name(MODEL)
-        export(self.checkpoint, path)
+        export_walk(self.checkpoint, path)
         print(path)  # noqa: T201
         return 0
 
@@ -109,10 +109,10 @@ class Eval:
     def run(self) -> int:
         """Prints a line for each ground."""
         with packages_of("train", "evaluating"):
-            from saltus.policy.walking.evaluation import evaluate
+            from saltus.policy.walking.evaluation import evaluate_walk
         check_between(self, level=(0, 254), robots=(1, 10_000), seconds=(2.0, 1e4))
         for ground in self.grounds:
-            score = evaluate(
+            score = evaluate_walk(
                 self.model, ground, level=self.level, robots=self.robots, seconds=self.seconds,
                 seed=self.seed, exact=self.scan == "true",
             )  # fmt: skip

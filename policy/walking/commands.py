@@ -40,7 +40,7 @@ def draw_command(
     return xp.stack([ahead, aside, turn], -1), d.standing < config.standing
 
 
-def followed(
+def command_now(
     config: VelocityCommandSettings,
     drawn: Places,
     wide: Array,

@@ -15,7 +15,7 @@ from saltus.policy.evaluation.tracking import tracking_errors
 from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.walking.description import POLICY_HZ
 from saltus.policy.walking.settings import WalkSettings, WalkTrainSettings
-from saltus.policy.walking.train import make_engine
+from saltus.policy.walking.train import make_walk_engine
 from saltus.policy.walking.walk_env import TALLY, WalkEnv
 from saltus.robots.loading import load_robot
 
@@ -54,7 +54,7 @@ class WalkScore:
         )
 
 
-def evaluate(
+def evaluate_walk(
     model: Path,
     ground: str,
     *,
@@ -78,7 +78,7 @@ def evaluate(
     actor = JointPolicy(model)
     trained = trained_with(actor)
     config = replace(trained, robots=robots, env=_on(trained.env, ground, exact), seed=seed)
-    env = WalkEnv(make_engine(load_robot(config.robot), config, "cpu"), config.env, seed=seed)
+    env = WalkEnv(make_walk_engine(load_robot(config.robot), config, "cpu"), config.env, seed=seed)
     everyone = torch.full((robots,), float(level))
     env.set_levels(everyone)
     errors, fresh, ends = [], [], np.zeros(2, dtype=np.int64)

@@ -13,9 +13,9 @@ from saltus.policy.env.settings import LearningSettings
 from saltus.policy.joints.policy import FIELD
 from saltus.policy.training.checkpoint import (
     NETWORK,
-    config_of,
     deployed_network,
-    read_checkpoint,
+    read_policy_checkpoint,
+    training_config,
 )
 from saltus.policy.training.learner import GROUPS
 from saltus.policy.walking.description import SIZE, description_of
@@ -27,7 +27,7 @@ MODEL = "walk.onnx"
 """Name of the file in a training's folder."""
 
 
-def make_actor(config: LearningSettings) -> MLPModel:
+def make_walk_actor(config: LearningSettings) -> MLPModel:
     """An untrained actor."""
     like = TensorDict({"policy": torch.zeros(1, SIZE)}, batch_size=[1])
     gaussian = {
@@ -48,8 +48,8 @@ class DeployedWalk(nn.Module):
 
     def __init__(self, checkpoint: dict[str, Any]) -> None:
         super().__init__()
-        self.config = config_of(checkpoint, WalkTrainSettings)
-        actor = make_actor(self.config.learning)
+        self.config = training_config(checkpoint, WalkTrainSettings)
+        actor = make_walk_actor(self.config.learning)
         self.network = deployed_network(actor, checkpoint)
 
     def forward(self, observation: Tensor) -> Tensor:
@@ -58,13 +58,13 @@ class DeployedWalk(nn.Module):
         return torch.clamp(self.network(observation), -most, most)
 
 
-def export(checkpoint: Path, path: Path) -> None:
+def export_walk(checkpoint: Path, path: Path) -> None:
     """Writes the policy of a checkpoint as ONNX, whole or not at all.
 
     Raises:
         SaltusError: the checkpoint cannot be read or does not fit, or the file cannot be written.
     """
-    state = read_checkpoint(checkpoint)
+    state = read_policy_checkpoint(checkpoint)
     policy = DeployedWalk(state)
     write_onnx(
         policy,

@@ -7,13 +7,19 @@ import torch
 
 from saltus.model_file import ModelFile
 from saltus.policy.training.learner import Learner
-from saltus.policy.training.train import Rank, engine_on, learn, paced, say
+from saltus.policy.training.train import (
+    Rank,
+    engine_on,
+    learn_iterations,
+    paced_iterations,
+    print_beside_bar,
+)
 from saltus.policy.training.training_record import TrainingRecord
-from saltus.policy.walking.export import MODEL, export, make_actor
+from saltus.policy.walking.export import MODEL, export_walk, make_walk_actor
 from saltus.policy.walking.progress import WalkTally
 from saltus.policy.walking.settings import WalkTrainSettings
 from saltus.policy.walking.walk_env import WalkEnv
-from saltus.provenance import commit
+from saltus.provenance import current_commit
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 from saltus.sim.engine import Engine
@@ -22,12 +28,14 @@ SAVE_S = 45.0
 """Between checkpoints: a machine may be taken away."""
 
 
-def make_engine(robot: Robot, config: WalkTrainSettings, device: str, threads: int = 0) -> Engine:
+def make_walk_engine(
+    robot: Robot, config: WalkTrainSettings, device: str, threads: int = 0
+) -> Engine:
     """The physics of an environment on a device, "cpu" or "cuda:N"."""
     return engine_on(device, robot, config.robots, config.env.ground.boxes, threads=threads)
 
 
-def train(
+def train_walk(
     config: WalkTrainSettings,
     folder: Path,
     *,
@@ -58,16 +66,18 @@ def train(
     """
     began = time.monotonic()
     torch.manual_seed(config.seed)
-    engine = make_engine(load_robot(config.robot), config, rank.device)
+    engine = make_walk_engine(load_robot(config.robot), config, rank.device)
     env = WalkEnv(engine, config.env, seed=config.seed, device=rank.device)
-    learner = Learner(env, config.learning, make_actor(config.learning).to(rank.device))
+    learner = Learner(env, config.learning, make_walk_actor(config.learning).to(rank.device))
     before_s = float(learner.load(resume)["seconds"]) if resume else 0.0
     if start:
         learner.begin_with(ModelFile(start), config.env.ground.levels)
     record = TrainingRecord(
-        folder, config, learner, lambda: WalkTally(folder, env, learner), commit=code or commit(),
-        start_s=began - before_s, say=say, resumed=resume, save_s=SAVE_S,
-        saved=lambda checkpoint: export(checkpoint, folder / MODEL),
+        folder, config, learner, lambda: WalkTally(folder, env, learner), commit=code or
+        current_commit(), start_s=began - before_s, say=print_beside_bar, resumed=resume,
+        save_s=SAVE_S, saved=lambda checkpoint: export_walk(checkpoint, folder / MODEL),
     )  # fmt: skip
     ready = f"ready after {time.monotonic() - began:.0f} s: {env.count} robots on {rank.device}"
-    learn(learner, record, paced(learner, began, minutes, iterations, rank), ready)
+    learn_iterations(
+        learner, record, paced_iterations(learner, began, minutes, iterations, rank), ready
+    )

@@ -18,7 +18,7 @@ from saltus.effects.profile import load_profile
 from saltus.grid import SCAN
 from saltus.joint_command import JointCommand
 from saltus.policy.env.curriculum import kinds_of_robots, moved_level
-from saltus.policy.env.jump_memory import store
+from saltus.policy.env.jump_memory import write_memory
 from saltus.policy.env.randomisation import BODY_DRAWS, SOFT_RUBBER, draw_bodies, training_drives
 from saltus.policy.env.training_env import TrainingEnv, Transition
 from saltus.policy.joints.observation import (
@@ -30,13 +30,18 @@ from saltus.policy.joints.observation import (
     standing_height,
 )
 from saltus.policy.walking import commands
-from saltus.policy.walking.commands import draw_command, followed, in_command_frame
+from saltus.policy.walking.commands import command_now, draw_command, in_command_frame
 from saltus.policy.walking.course_field import CourseField, in_trench
 from saltus.policy.walking.description import POLICY_HZ, SIZE, description_of
 from saltus.policy.walking.scan_errors import ScanErrors
 from saltus.policy.walking.settings import WalkSettings
-from saltus.policy.walking.walk_memory import WalkMemory, blank_memory
-from saltus.policy.walking.walk_rewards import AIR_TIME_S, WalkRewardInputs, reward_terms, total
+from saltus.policy.walking.walk_memory import WalkMemory, blank_walk_memory
+from saltus.policy.walking.walk_rewards import (
+    AIR_TIME_S,
+    WalkRewardInputs,
+    total_reward,
+    walk_reward_terms,
+)
 from saltus.robots.robot import JOINTS
 from saltus.rotations import quaternion_from_roll_pitch_yaw, roll_pitch_yaw, rotation_matrix
 from saltus.sim.engine import Engine
@@ -85,7 +90,7 @@ class WalkEnv(TrainingEnv):
         wide = torch.tensor(
             [name in config.ground.wide for name in config.ground.shares], device=self.device
         )
-        self.memory = blank_memory(kind, wide[kind], config.ground.boxes)
+        self.memory = blank_walk_memory(kind, wide[kind], config.ground.boxes)
         self.ground = CourseField(config.ground, self.memory.time_s)
         self._is_kind = torch.stack([kind == k for k in range(len(config.ground.shares))]).float()
         self._scan_errors, self._observer = (
@@ -125,8 +130,8 @@ class WalkEnv(TrainingEnv):
     @torch.no_grad()
     def _take(self) -> None:
         memory, most = self.memory, self.config.drives.most
-        store(memory, last_action=memory.action, tick=torch.zeros_like(memory.tick))
-        store(memory, action=torch.nan_to_num(self._output).clamp(-most, most))
+        write_memory(memory, last_action=memory.action, tick=torch.zeros_like(memory.tick))
+        write_memory(memory, action=torch.nan_to_num(self._output).clamp(-most, most))
 
     @torch.no_grad()
     def _control(self) -> None:
@@ -142,7 +147,7 @@ class WalkEnv(TrainingEnv):
             torque=zero,
         )
         torque = self._drive(command, self._qpos[:, 7:].float(), self._qvel[:, 6:].float())
-        store(memory, tick=memory.tick + 1.0, torque=torque.believed)
+        write_memory(memory, tick=memory.tick + 1.0, torque=torque.believed)
 
     @torch.no_grad()
     def _finish(self) -> None:
@@ -178,7 +183,7 @@ class WalkEnv(TrainingEnv):
         foot_velocity = qvel[:, None, :3] + relative @ rotation.mT
         place = position[:, None] + foot @ rotation.mT
         velocity = in_command_frame(qvel[:, :3], rotation)
-        terms = reward_terms(
+        terms = walk_reward_terms(
             config.reward,
             WalkRewardInputs(
                 command=memory.command,
@@ -199,9 +204,9 @@ class WalkEnv(TrainingEnv):
             ),
         )
         terms = torch.nan_to_num(terms).clamp(-10.0, 10.0)
-        self.reward.copy_(total(terms))
+        self.reward.copy_(total_reward(terms))
         self.term_sums.add_(terms.mean(0))
-        store(
+        write_memory(
             memory,
             terms=terms,
             joint_velocity=qvel[:, 6:],
@@ -215,7 +220,7 @@ class WalkEnv(TrainingEnv):
         memory, config = self.memory, self.config.ground
         asked = memory.command[:, :2].norm(dim=-1)
         along = (velocity[:, :2] * memory.command[:, :2]).sum(-1) / asked.clamp(min=1e-3)
-        store(memory, way_m=memory.way_m + DT * along, asked_m=memory.asked_m + DT * asked)
+        write_memory(memory, way_m=memory.way_m + DT * along, asked_m=memory.asked_m + DT * asked)
         error = (velocity[:, :2] - memory.command[:, :2]).norm(dim=-1)
         one = torch.ones_like(asked)
         rows = [
@@ -234,29 +239,31 @@ class WalkEnv(TrainingEnv):
         down = failed | (counts & (share < config.demotion))
         draw = _START.of(_DRAWS.of(self._draws).start).level
         level = moved_level(config.levels, memory.level, up, down, draw)
-        store(memory, self.done, level=level)
+        write_memory(memory, self.done, level=level)
 
     def _reset(self, mask: Tensor) -> None:
         """Starts the next episode of the robots in `mask`; brings everyone the near ground."""
         memory, drawn = self.memory, _DRAWS.of(self._draws)
         start = _START.of(drawn.start)
         course = self.ground.table.draw(memory.kind, memory.level, start.variant)
-        store(memory, mask, course=course, **draw_bodies(self.config.randomisation, drawn.body))
+        write_memory(
+            memory, mask, course=course, **draw_bodies(self.config.randomisation, drawn.body)
+        )
         finish = self.ground.table.finish_x[memory.course]
         x = torch.where(memory.wide, start.x * finish, 0.4 * start.x - 0.2)
         y = torch.where(memory.wide, 1.0, 0.3) * (2.0 * start.y - 1.0)
         begin = torch.stack([x, y], -1)
         here = torch.where(mask[:, None], begin, torch.nan_to_num(self._qpos[:, :2].float()))
         boxes = self.ground.near(memory.course, here)
-        store(memory, center=boxes.center, half_size=boxes.half_size, turn=boxes.angles)
+        write_memory(memory, center=boxes.center, half_size=boxes.half_size, turn=boxes.angles)
         self._engine.set_terrain(self._boxes())
         self._engine.set_bodies(self._bodies())
         self._place(mask, begin, start)
         zero = torch.zeros_like(memory.time_s)
         command, standing = draw_command(self.config.command, memory.wide, drawn.command)
         redrawn = mask | (commands.DRAWS.of(drawn.command).when < DT / self.config.command.period_s)
-        store(memory, redrawn, drawn=command, standing=standing)
-        store(
+        write_memory(memory, redrawn, drawn=command, standing=standing)
+        write_memory(
             memory,
             mask,
             time_s=zero,
@@ -319,17 +326,17 @@ class WalkEnv(TrainingEnv):
         qpos, qvel = self._qpos.float(), self._qvel.float()
         rotation, position = rotation_matrix(qpos[:, 3:7]), qpos[:, :3]
         _, _, yaw = roll_pitch_yaw(rotation)
-        command = followed(
+        command = command_now(
             self.config.command, memory.drawn, memory.wide, memory.standing, position[:, 1], yaw
         )
         pose = torch.cat([position, yaw[:, None]], -1)
         phase, arrived = self._scan_errors.arrives(memory.phase)
         late = torch.where(fresh[:, None], pose, memory.pose)
-        store(memory, fresh | arrived, image_pose=late)
+        write_memory(memory, fresh | arrived, image_pose=late)
         moved = fresh | self._scan_errors.moved(pose, memory.error_pose)
         error = self._scan_errors.changed(memory.error, fresh, moved, drawn.error)
-        store(memory, moved, error_pose=pose)
-        store(memory, command=command, phase=phase, pose=pose, error=error)
+        write_memory(memory, moved, error_pose=pose)
+        write_memory(memory, command=command, phase=phase, pose=pose, error=error)
         told = self._scan_errors.observed(self._heights(memory.image_pose), error, memory.shift)
         if self.config.blind:
             told = torch.full_like(told, -self._height)

@@ -77,7 +77,7 @@ _ROWS: dict[str, tuple[int, ...]] = {
 _FLAGS = {"foot_touching": (4,), "standing": ()}
 
 
-def blank_memory(kind: Tensor, wide: Tensor, boxes: int) -> WalkMemory:
+def blank_walk_memory(kind: Tensor, wide: Tensor, boxes: int) -> WalkMemory:
     """Zeros for robots on the given families; a reset fills them."""
     count, device = len(kind), kind.device
     rows = _ROWS | {"center": (boxes, 3), "half_size": (boxes, 3), "turn": (boxes, 2)}

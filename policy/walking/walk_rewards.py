@@ -50,7 +50,7 @@ class WalkRewardInputs:
     """The episode ended with a fall, bool, shape (n,)."""
 
 
-def reward_terms(config: WalkRewardSettings, given: WalkRewardInputs) -> Array:
+def walk_reward_terms(config: WalkRewardSettings, given: WalkRewardInputs) -> Array:
     """All terms, weighted, in the order of `TERMS`, of one policy step; shape (n, len(TERMS))."""
     xp = namespace(given.velocity)
     zero = xp.zeros_like(given.velocity[:, 0])
@@ -87,7 +87,7 @@ def reward_terms(config: WalkRewardSettings, given: WalkRewardInputs) -> Array:
     return xp.stack([getattr(config, name) * values[name] / POLICY_HZ for name in TERMS], -1)
 
 
-def total(terms: Array) -> Scalars:
+def total_reward(terms: Array) -> Scalars:
     """The reward, shape (n,): the sum of the terms, not below 0 but for the end of an episode.
 
     Where living cost more than an early end, robots would learn to fall; legged_gym's

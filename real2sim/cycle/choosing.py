@@ -152,7 +152,7 @@ def known_after(folder: CycleFolder) -> Path:
     )
 
 
-def verdict(choice: ModelChoice, kind: ModelKind) -> str:
+def choice_text(choice: ModelChoice, kind: ModelKind) -> str:
     """Returns what became of a trained model, in words."""
     if kind in choice.taken:
         return "taken"

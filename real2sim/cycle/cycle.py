@@ -11,7 +11,7 @@ from saltus.real2sim.cycle import choosing, finding, measuring, remote_training,
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
 from saltus.real2sim.cycle.report import training_results, write_cycle_report
 from saltus.real2sim.cycle.settings import CycleSettings
-from saltus.real2sim.reporting.verdict_text import sentence
+from saltus.real2sim.reporting.verdict_text import verdict_sentence
 from saltus.used_networks import ModelKind
 
 NO_GPU = "as shipped: there was no GPU to train it on"
@@ -69,11 +69,13 @@ class CycleRun:
         known, patched = (
             self.folder.read(file) for file in (self.folder.known, self.folder.profile)
         )
-        self.observer.say(f"found: {sentence(found.verdict, known)}")
+        self.observer.say(f"found: {verdict_sentence(found.verdict, known)}")
         for line in finding.not_applied(self.folder):
             self.observer.say(line)
         with_it = (
-            None if again is None else f"with what was found: {sentence(again.verdict, patched)}"
+            None
+            if again is None
+            else f"with what was found: {verdict_sentence(again.verdict, patched)}"
         )
         self.observer.say(with_it or NOTHING_FOUND)
 
@@ -115,7 +117,7 @@ class CycleRun:
         choice = choosing.choose(self.folder, self.settings, self.observer.at)
         for kind in MODELS:
             if str(kind) in choice.models:
-                self.observer.say(f"{kind} model: {choosing.verdict(choice, kind)}")
+                self.observer.say(f"{kind} model: {choosing.choice_text(choice, kind)}")
         if finds_drives:
             self.observer.say(
                 f"drives: {'made up for' if choosing.DRIVES in choice.best else choosing.LEFT}"

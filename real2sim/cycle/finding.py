@@ -15,11 +15,11 @@ from saltus.real2sim.cycle.folder import CycleFolder
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.experiments.footage import FootageCamera
 from saltus.real2sim.experiments.menu import experiment_named
-from saltus.real2sim.experiments.run import run
+from saltus.real2sim.experiments.run import run_experiment
 from saltus.real2sim.patch import ProfilePatch, load_patch
-from saltus.real2sim.pipeline import find
+from saltus.real2sim.pipeline import find_in_logs
 from saltus.real2sim.progress import ProgressListener
-from saltus.real2sim.reporting.verdict_text import sentence
+from saltus.real2sim.reporting.verdict_text import verdict_sentence
 from saltus.real2sim.results import Judgement
 from saltus.real2sim.search.findings import SignalGap
 from saltus.recordings.run_log import read_claims, write_run_log
@@ -84,7 +84,7 @@ def record(folder: CycleFolder, settings: CycleSettings, tell: ProgressListener,
         return log
     robot, known = folder.robot, folder.read(folder.known)
     latency = next((float(e.latency) for e in known.camera if isinstance(e, CameraLatency)), 0.0)
-    made = run(
+    made = run_experiment(
         experiment_named(name), robot, folder.read(folder.hidden), seed=settings.seed,
         camera=FootageCamera.on(robot, latency), progress=partial(tell, f"log {name}"),
     )  # fmt: skip
@@ -109,7 +109,9 @@ def find_effects(
         logs, partial(_look, folder.found, known, settings.seed, tell, "find"), recorded
     )
     if found.verdict.verdict == "bad_log":
-        raise RecordingError(f"{sentence(found.verdict)}: see {folder.found / 'report.html'}")
+        raise RecordingError(
+            f"{verdict_sentence(found.verdict)}: see {folder.found / 'report.html'}"
+        )
     patched, _ = apply_what_can_be(found.patch, known, folder.robot)
     again = (
         _look(folder.again, patched, settings.seed, tell, "again", logs)
@@ -145,7 +147,7 @@ def not_applied(folder: CycleFolder) -> tuple[str, ...]:
 def _look(
     out: Path, profile: Profile, seed: int, tell: ProgressListener, name: str, logs: Sequence[Path]
 ) -> Judgement:
-    judged = find(
+    judged = find_in_logs(
         logs,
         out,
         profile=profile,

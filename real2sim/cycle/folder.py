@@ -6,11 +6,11 @@ A stage whose results are there is not repeated.
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from saltus.config import load, to_toml
+from saltus.config import load_config, to_toml
 from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.profile import Profile, load_profile
 from saltus.errors import ConfigError
-from saltus.folders import ask_for_room, differences
+from saltus.folders import ask_for_room, setting_differences
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
@@ -147,16 +147,16 @@ def open_folder(root: Path, given: CycleSettings) -> tuple[CycleFolder, CycleSet
     return folder, settings
 
 
-def settings_of(root: Path) -> CycleSettings | None:
+def cycle_settings(root: Path) -> CycleSettings | None:
     """How the cycle in a folder was begun; None where there is none."""
     path = root / SETTINGS
-    return load(CycleSettings, path) if path.exists() else None
+    return load_config(CycleSettings, path) if path.exists() else None
 
 
 def _compare(folder: CycleFolder, settings: CycleSettings) -> None:
     """Refuses to go on with a cycle that was begun in another way."""
-    before = load(CycleSettings, folder.settings)
-    for d in differences(
+    before = load_config(CycleSettings, folder.settings)
+    for d in setting_differences(
         asdict(before),
         asdict(replace(settings, trials=before.trials, choice_trials=before.choice_trials)),
     ):

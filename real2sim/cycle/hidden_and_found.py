@@ -45,7 +45,7 @@ class TruthRow:
         )
 
 
-def rows_of(folder: CycleFolder) -> list[TruthRow]:
+def truth_rows(folder: CycleFolder) -> list[TruthRow]:
     """Everything that was hidden or found, the former first."""
     patch = load_patch(folder.found / "patch.toml")
     effects, focal_px = patch.effects, patch.range.focal_px

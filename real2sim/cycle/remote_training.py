@@ -71,7 +71,7 @@ One of the two models is enough: the other then stays as shipped.
 """
 
 
-def refuse(export: Path | None, take: Path | None) -> None:
+def refuse_export(export: Path | None, take: Path | None) -> None:
     """Says before the work that a training cannot be exported there,
     or taken from there: `ConfigError`.
     """
@@ -93,7 +93,7 @@ def refuse(export: Path | None, take: Path | None) -> None:
 
 
 def export_training(folder: CycleFolder, settings: CycleSettings, out: Path) -> None:
-    """Writes a folder to carry away, of which `refuse` says nothing."""
+    """Writes a folder to carry away, of which `refuse_export` says nothing."""
     with whole_folder(out) as made:
         shutil.copyfile(folder.profile, made / PROFILE)
         for kind in MODELS:

@@ -15,13 +15,13 @@ import plotly.graph_objects as go
 from markupsafe import Markup
 
 from saltus.heightmap.data.shards import read_records
-from saltus.policy.evaluation.evaluate import merged, success_interval
+from saltus.policy.evaluation.evaluate import merge_batches, success_interval
 from saltus.policy.evaluation.trial_pictures import picture_strip
-from saltus.provenance import commit
-from saltus.real2sim.cycle.choosing import DRIVES, read_choice, verdict
+from saltus.provenance import current_commit
+from saltus.real2sim.cycle.choosing import DRIVES, choice_text, read_choice
 from saltus.real2sim.cycle.finding import gaps_of, not_applied
 from saltus.real2sim.cycle.folder import MODELS, CycleFolder
-from saltus.real2sim.cycle.hidden_and_found import TruthRow, rows_of
+from saltus.real2sim.cycle.hidden_and_found import TruthRow, truth_rows
 from saltus.real2sim.cycle.measuring import (
     MOMENTS,
     NOT_MEASURED,
@@ -36,13 +36,13 @@ from saltus.real2sim.cycle.trials import COURSES, run_trials, trials_of
 from saltus.real2sim.reporting.figures import gap_figure
 from saltus.real2sim.reporting.verdict_text import by_reason
 from saltus.reports.figures import BLUE, GREEN, GREY, RED, laid_out
-from saltus.reports.page import render, write_page
+from saltus.reports.page import render_page, write_page
 from saltus.used_networks import ModelKind
 
 MeasuredCourses = dict[str, dict[When, MeasuredCourse]]
 
 
-def results(folder: CycleFolder) -> dict[str, object]:
+def cycle_results(folder: CycleFolder) -> dict[str, object]:
     """Returns what a program would read of a cycle."""
     courses, choice = _courses(folder), read_choice(folder)
     return {
@@ -50,7 +50,7 @@ def results(folder: CycleFolder) -> dict[str, object]:
         "profile": str(folder.profile),
         "found": _verdict(folder.found),
         "again": _verdict(folder.again),
-        "effects": [asdict(row) for row in rows_of(folder)],
+        "effects": [asdict(row) for row in truth_rows(folder)],
         "not_applied": not_applied(folder),
         "models": training_results(folder),
         "choice": None
@@ -80,7 +80,7 @@ def training_results(folder: CycleFolder) -> dict[ModelKind, str]:
 
 def write_cycle_report(folder: CycleFolder, settings: CycleSettings) -> None:
     """Writes the report of what is done so far; it opens without a network."""
-    rows, courses = rows_of(folder), _courses(folder)
+    rows, courses = truth_rows(folder), _courses(folder)
     hidden = [row for row in rows if row.true is not None and row.true != row.known]
     found, again = _verdict(folder.found), _verdict(folder.again)
     before, after = gaps_of(folder.found), gaps_of(folder.again)
@@ -89,7 +89,7 @@ def write_cycle_report(folder: CycleFolder, settings: CycleSettings) -> None:
         for name, gap in before.items()
     ]
     untestable = {each["name"]: each["why"] for each in (found or {})["untestable"]}
-    text = render(
+    text = render_page(
         __file__,
         folder=folder,
         headline=_headline(rows, hidden, courses),
@@ -117,7 +117,7 @@ def write_cycle_report(folder: CycleFolder, settings: CycleSettings) -> None:
         not_measured="Not measured yet." if folder.hidden.exists() else NOT_MEASURED,
         strips=_pictures(folder, settings, courses),
         untestable=by_reason(untestable),
-        commit=commit(),
+        commit=current_commit(),
         settings=folder.settings.read_text(encoding="utf-8"),
     )
     write_page(folder.report, text)
@@ -181,7 +181,7 @@ def _choices(folder: CycleFolder) -> str:
     if choice is None:
         return ""
     said = [
-        f"{kind} model {verdict(choice, kind)}" for kind in MODELS if str(kind) in choice.models
+        f"{kind} model {choice_text(choice, kind)}" for kind in MODELS if str(kind) in choice.models
     ]
     if any(DRIVES in pair for pair in choice.tallies):
         said.append(
@@ -249,7 +249,7 @@ def _strip(
         models = models_of(folder, when)
         robot = (settings.loop, folder.hidden, known_of(folder, when))
         evaluation = trials_of(*robot, course, seed, 1)
-        trial = merged(run_trials(models, evaluation)).trials[0]
+        trial = merge_batches(run_trials(models, evaluation)).trials[0]
         ended = trial.failure.replace("_", " ") or "success"
         pictures = picture_strip(evaluation.setups([seed])[0], trial.trace)
         head = Markup("<h3>{}, seed {}, {}: {}</h3>").format(course, seed, when, ended)

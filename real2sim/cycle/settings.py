@@ -9,7 +9,7 @@ from typing import Annotated
 from saltus.config import check_between
 from saltus.effects.profile import SHIPPED
 from saltus.errors import ConfigError
-from saltus.flags import shown
+from saltus.flags import flag_help
 from saltus.heightmap.settings import FURTHER_RATE, MANY, ClosedLoop, PredictorTraining
 
 EXPERIMENTS = ("joint_tour", "squat", "heave_and_pitch", "height_step")
@@ -27,7 +27,9 @@ class CycleSettings:
         ConfigError: a number that cannot be, or an experiment that there is not.
     """
 
-    hidden: Annotated[Path | None, shown("PATH", "none: only logs are known of the robot")] = None
+    hidden: Annotated[Path | None, flag_help("PATH", "none: only logs are known of the robot")] = (
+        None
+    )
     """Profile (TOML) that stands for the real robot: it is run and measured, and never shown to the
     search."""
     profile: str = SHIPPED
@@ -35,7 +37,7 @@ class CycleSettings:
     found is added to it."""
     logs: Annotated[
         tuple[Path, ...],
-        shown("[PATH [PATH ...]]", "none: experiments are run on the hidden robot"),
+        flag_help("[PATH [PATH ...]]", "none: experiments are run on the hidden robot"),
     ] = ()
     """Run logs of your own, or runs of Saltus, in place of experiments."""
     experiments: tuple[str, ...] = EXPERIMENTS

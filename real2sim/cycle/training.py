@@ -6,10 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from saltus import gpu
-from saltus.config import changed
+from saltus.config import with_changes
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.files import whole_folder
-from saltus.heightmap.collection import collect
+from saltus.heightmap.collection import collect_shard
 from saltus.heightmap.settings import DeviceCollection, DeviceLoop, ProcessorCollection
 from saltus.policy.env.settings import LearningSettings
 from saltus.policy.training.command import Train
@@ -17,7 +17,7 @@ from saltus.policy.training.files import CHECKPOINT
 from saltus.real2sim.cycle.folder import CycleFolder
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.progress import ProgressListener
-from saltus.resources import resource
+from saltus.resources import shipped_file
 from saltus.used_networks import model_path
 
 FURTHER_KL = 0.01
@@ -45,7 +45,7 @@ optimiser."""
 
 def shipped_checkpoint(kind: str) -> Path:
     """File of the "heightmap" or the "policy" that Saltus ships, to train it further."""
-    return resource(f"models/{SHIPPED_FILES[kind]}")
+    return shipped_file(f"models/{SHIPPED_FILES[kind]}")
 
 
 def collect_data(folder: CycleFolder, settings: CycleSettings, tell: ProgressListener) -> None:
@@ -70,7 +70,9 @@ def collect_data(folder: CycleFolder, settings: CycleSettings, tell: ProgressLis
 
     with whole_folder(folder.dataset) as partial_folder:
         if gpu_is_there:
-            from saltus.heightmap.device_collection import collect as collect_on_gpu
+            from saltus.heightmap.device_collection import (
+                collect_shards_on_device as collect_on_gpu,
+            )
 
             cameras = dict.fromkeys(on_gpu.loop.cameras, partial_folder)
             made = collect_on_gpu(on_gpu, cameras, ran, lambda *_: None)
@@ -79,7 +81,7 @@ def collect_data(folder: CycleFolder, settings: CycleSettings, tell: ProgressLis
                 batches=settings.batches, seed=settings.seed, profile=str(folder.profile),
                 model=model_path("heightmap"), loop=settings.loop,
             )  # fmt: skip
-            made = collect(on_processors, partial_folder, lambda _: None, listener=ran)
+            made = collect_shard(on_processors, partial_folder, lambda _: None, listener=ran)
         if not made.whole:
             raise KeyboardInterrupt
 
@@ -110,17 +112,17 @@ def train_predictor(folder: CycleFolder, settings: CycleSettings, tell: Progress
 
     Goes on where it was.
     """
-    from saltus.heightmap.training.release import release
-    from saltus.heightmap.training.train import train
+    from saltus.heightmap.training.release import release_model
+    from saltus.heightmap.training.train import train_heightmap
 
     checkpoint = folder.predictor / "heightmap.pt"
-    train(
+    train_heightmap(
         folder.dataset, checkpoint, settings.predictor,
         lambda at: tell("train the predictor", at.update / at.updates),
         start=shipped_checkpoint("heightmap"),
     )  # fmt: skip
     tell("export the predictor", 1.0)
-    release(checkpoint, folder.dataset, folder.predictor / "heightmap.onnx")
+    release_model(checkpoint, folder.dataset, folder.predictor / "heightmap.onnx")
 
 
 def differs_beyond_camera(folder: CycleFolder) -> bool:
@@ -158,18 +160,21 @@ def train_policy(folder: CycleFolder, settings: CycleSettings) -> None:
 
     Goes on where it was.
     """
-    from saltus.policy.training.checkpoint import config_of, read_checkpoint
-    from saltus.policy.training.export import export
+    from saltus.policy.training.checkpoint import read_policy_checkpoint, training_config
+    from saltus.policy.training.export import export_policy
 
     shipped, own = shipped_checkpoint("policy"), folder.policy / CHECKPOINT
     resume = own if own.exists() else shipped
-    done_s = float(read_checkpoint(resume)["seconds"]) - float(read_checkpoint(shipped)["seconds"])
-    config = changed(
-        config_of(read_checkpoint(shipped)), policy_changes(settings, folder.profile.absolute())
+    done_s = float(read_policy_checkpoint(resume)["seconds"]) - float(
+        read_policy_checkpoint(shipped)["seconds"]
+    )
+    config = with_changes(
+        training_config(read_policy_checkpoint(shipped)),
+        policy_changes(settings, folder.profile.absolute()),
     )
     minutes = settings.policy_minutes - done_s / 60.0
     if minutes > 0.0:
         Train(
             out=folder.policy, minutes=minutes, resume=resume, training=config, evaluate_minutes=0.0
         ).run()
-    export(own, folder.policy / "policy.onnx")
+    export_policy(own, folder.policy / "policy.onnx")

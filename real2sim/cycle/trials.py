@@ -7,7 +7,7 @@ from pathlib import Path
 from saltus.config import TerrainConfig
 from saltus.heightmap.data.predicted import PredictedHeightsFactory
 from saltus.heightmap.settings import ClosedLoop
-from saltus.policy.evaluation.evaluate import EvaluationSettings, TrialResult, evaluate
+from saltus.policy.evaluation.evaluate import EvaluationSettings, TrialResult, evaluate_policy
 from saltus.policy.planner import make_planner
 from saltus.used_networks import ModelKind, model_id, model_path
 from saltus.workers import WorkerListener
@@ -49,7 +49,7 @@ def run_trials(
 ) -> Iterator[dict[int, TrialResult]]:
     """Runs trials with networks, the shipped ones where none is named; yields batches by seed."""
     heights = PredictedHeightsFactory(model=models["heightmap"])
-    return evaluate(
+    return evaluate_policy(
         evaluation,
         heights,
         partial(make_planner, "learned", model=models["policy"]),

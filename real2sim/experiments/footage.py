@@ -82,7 +82,7 @@ class FootageCamera:
         }
 
 
-def film(
+def film_experiment(
     robot: Robot,
     camera: FootageCamera,
     profile: Profile,

@@ -9,7 +9,7 @@ from typing import Literal
 from saltus.constants import PHYSICS_DT
 from saltus.errors import check_known
 from saltus.real2sim.experiments import motions
-from saltus.real2sim.experiments.motions import ExperimentSection, repeated
+from saltus.real2sim.experiments.motions import ExperimentSection, repeat_motion
 from saltus.real2sim.experiments.safety import ExperimentLimits
 from saltus.robots.robot import Robot
 from saltus.terrain import flat, level
@@ -68,28 +68,28 @@ def _both(*parts: tuple[ExperimentSection, ...]) -> tuple[ExperimentSection, ...
 
 def _chirps(robot: Robot, highest_hz: float) -> tuple[ExperimentSection, ...]:
     return _both(
-        repeated("chirp", 2, motions.sweep(robot, 6.0, 0.2, highest_hz, 0.35)),
-        repeated("half chirp", 1, motions.sweep(robot, 6.0, 0.2, highest_hz, 0.17)),
+        repeat_motion("chirp", 2, motions.sweep(robot, 6.0, 0.2, highest_hz, 0.35)),
+        repeat_motion("half chirp", 1, motions.sweep(robot, 6.0, 0.2, highest_hz, 0.17)),
     )
 
 
 def _tour(robot: Robot) -> tuple[ExperimentSection, ...]:
     """Everything that a held robot can show, each motion twice; the first once more at the end."""
-    chirp = repeated("chirp", 3, motions.sweep(robot, 4.0, 0.3, 10.0, 0.35))
+    chirp = repeat_motion("chirp", 3, motions.sweep(robot, 4.0, 0.3, 10.0, 0.35))
     return _both(
         chirp[:2],
-        repeated("slow triangle", 2, motions.triangle(robot, 3.0, 0.4, 0.25)),
-        repeated("small steps", 2, motions.steps(robot, 2.0, 0.5, 0.2)),
-        repeated("large steps", 2, motions.steps(robot, 2.0, 0.5, (0.35, 0.35, 0.55))),
-        repeated("hold ladder", 2, motions.hold_ladder(robot, 3.0, 0.5, 3)),
+        repeat_motion("slow triangle", 2, motions.triangle(robot, 3.0, 0.4, 0.25)),
+        repeat_motion("small steps", 2, motions.steps(robot, 2.0, 0.5, 0.2)),
+        repeat_motion("large steps", 2, motions.steps(robot, 2.0, 0.5, (0.35, 0.35, 0.55))),
+        repeat_motion("hold ladder", 2, motions.hold_ladder(robot, 3.0, 0.5, 3)),
         chirp[2:],
     )
 
 
 def _heave_and_pitch(robot: Robot) -> tuple[ExperimentSection, ...]:
     return _both(
-        repeated("heave chirp", 2, motions.body_chirp(robot, 5.0, 0.3, 5.0, height_m=0.03)),
-        repeated("pitch chirp", 2, motions.body_chirp(robot, 8.0, 0.3, 5.0, pitch_rad=0.15)),
+        repeat_motion("heave chirp", 2, motions.body_chirp(robot, 5.0, 0.3, 5.0, height_m=0.03)),
+        repeat_motion("pitch chirp", 2, motions.body_chirp(robot, 8.0, 0.3, 5.0, pitch_rad=0.15)),
     )
 
 
@@ -154,22 +154,23 @@ _ALL = (
     Experiment(
         name="single_sine", how="a sine of 1 Hz of all joints of a held robot",
         shows=_FRICTION[:2], base="fixed",
-        sections=lambda robot: repeated("sine", 4, motions.sine(robot, 4.0, 1.0, 0.3)), limits=HELD,
+        sections=lambda robot: repeat_motion("sine", 4, motions.sine(robot, 4.0, 1.0, 0.3)),
+        limits=HELD,
     ),
     Experiment(
         name="slow_triangle", how="back and forth at 0.15 and 0.5 rad/s",
         shows=_FRICTION, base="fixed",
         sections=lambda robot: _both(
-            repeated("0.15 rad/s", 2, motions.triangle(robot, 6.0, 0.15, 0.2)),
-            repeated("0.5 rad/s", 2, motions.triangle(robot, 4.0, 0.5, 0.4)),
+            repeat_motion("0.15 rad/s", 2, motions.triangle(robot, 6.0, 0.15, 0.2)),
+            repeat_motion("0.5 rad/s", 2, motions.triangle(robot, 4.0, 0.5, 0.4)),
         ), limits=HELD,
     ),
     Experiment(
         name="small_steps", how="jumps of the desired angle by 0.1 and 0.4 rad",
         shows=("stiction", "coulomb_friction", "command_delay", "actuator_lag"), base="fixed",
         sections=lambda robot: _both(
-            repeated("0.1 rad", 2, motions.steps(robot, 4.0, 0.6, 0.05)),
-            repeated("0.4 rad", 2, motions.steps(robot, 4.0, 0.6, 0.2)),
+            repeat_motion("0.1 rad", 2, motions.steps(robot, 4.0, 0.6, 0.05)),
+            repeat_motion("0.4 rad", 2, motions.steps(robot, 4.0, 0.6, 0.2)),
         ), limits=HELD,
     ),
     Experiment(
@@ -178,22 +179,22 @@ _ALL = (
         shows=("torque_saturation", "torque_speed_limit", "torque_gain"), base="fixed",
         held_gains=(24.0, 1.4),
         sections=lambda robot: _both(
-            repeated("0.8 rad", 2, motions.steps(robot, 4.0, 0.6, 0.4)),
-            repeated("1.6 rad", 3, motions.steps(robot, 4.0, 0.6, (0.48, 0.48, 0.8))),
+            repeat_motion("0.8 rad", 2, motions.steps(robot, 4.0, 0.6, 0.4)),
+            repeat_motion("1.6 rad", 3, motions.steps(robot, 4.0, 0.6, (0.48, 0.48, 0.8))),
         ), limits=HELD,
     ),
     Experiment(
         name="hold_ladder", how="rest at angles up and down the range",
         shows=("encoder_bias", "joint_spring", "stiction", "torque_gain", "encoder_quantisation"),
         base="fixed",
-        sections=lambda robot: repeated("hold ladder", 3, motions.hold_ladder(robot, 6.0, 0.6, 6)),
-        limits=HELD,
+        sections=lambda robot: repeat_motion("hold ladder", 3, motions.hold_ladder(robot, 6.0, 0.6,
+        6)), limits=HELD,
     ),
     Experiment(
         name="torque_ladder", how="pulses of feed-forward torque of rising size",
         shows=("torque_saturation", "feedforward_delay", "torque_gain"), base="fixed",
         held_gains=(24.0, 1.4),
-        sections=lambda robot: repeated("pulses", 3,
+        sections=lambda robot: repeat_motion("pulses", 3,
             motions.torque_ladder(robot, 7.0, (20.0, 20.0, 30.0), 5, 0.010)),
         limits=HELD,
     ),
@@ -208,14 +209,14 @@ _ALL = (
         name="pitch_rocking", how="the body rocks in pitch at 1 and 2 Hz before a step",
         shows=("camera_latency", "imu_latency", "com_offset"), base="free",
         sections=lambda robot: _both(
-            repeated("1 Hz", 2, motions.body_sine(robot, 4.0, 1.0, pitch_rad=0.1)),
-            repeated("2 Hz", 2, motions.body_sine(robot, 4.0, 2.0, pitch_rad=0.06)),
+            repeat_motion("1 Hz", 2, motions.body_sine(robot, 4.0, 1.0, pitch_rad=0.1)),
+            repeat_motion("2 Hz", 2, motions.body_sine(robot, 4.0, 2.0, pitch_rad=0.06)),
         ), limits=FREE, terrain=lambda: level.make("step", height_m=STEP_M), camera=True,
     ),
     Experiment(
         name="heave_sine", how="one sine of body height, 1 Hz", shows=("camera_latency",),
         base="free",
-        sections=lambda robot: repeated("heave", 3, motions.body_sine(robot, 5.0, 1.0, 0.03)),
+        sections=lambda robot: repeat_motion("heave", 3, motions.body_sine(robot, 5.0, 1.0, 0.03)),
         limits=FREE, camera=True,
     ),
     Experiment(
@@ -234,9 +235,9 @@ _ALL = (
         name="squat", how="the body goes up and down at 0.5 and 2 Hz",
         shows=("payload_mass", "com_offset", "torque_gain"), base="free",
         sections=lambda robot: _both(
-            repeated("stand", 2, motions.rest(robot, 2.0)),
-            repeated("0.5 Hz", 2, motions.body_sine(robot, 4.0, 0.5, 0.04)),
-            repeated("2 Hz", 2, motions.body_sine(robot, 4.0, 2.0, 0.02)),
+            repeat_motion("stand", 2, motions.rest(robot, 2.0)),
+            repeat_motion("0.5 Hz", 2, motions.body_sine(robot, 4.0, 0.5, 0.04)),
+            repeat_motion("2 Hz", 2, motions.body_sine(robot, 4.0, 2.0, 0.02)),
         ), limits=FREE,
     ),
     Experiment(
@@ -244,8 +245,8 @@ _ALL = (
         how="the squat with a known mass of 2 kg on the trunk: mass and gain part",
         shows=("payload_mass", "torque_gain"), base="free",
         sections=lambda robot: _both(
-            repeated("stand", 2, motions.rest(robot, 2.0)),
-            repeated("0.5 Hz", 2, motions.body_sine(robot, 4.0, 0.5, 0.04)),
+            repeat_motion("stand", 2, motions.rest(robot, 2.0)),
+            repeat_motion("0.5 Hz", 2, motions.body_sine(robot, 4.0, 0.5, 0.04)),
         ), limits=FREE, payload_kg=2.0,
     ),
     Experiment(

@@ -214,7 +214,9 @@ def stance(robot: Robot, height_m: Floats, pitch_rad: Floats) -> ExperimentComma
     )
 
 
-def repeated(name: str, count: int, commands: ExperimentCommands) -> tuple[ExperimentSection, ...]:
+def repeat_motion(
+    name: str, count: int, commands: ExperimentCommands
+) -> tuple[ExperimentSection, ...]:
     """A motion several times over: repeats tell noise from what the simulator lacks."""
     return tuple(
         ExperimentSection(name=f"{name} {i + 1}", condition=name, commands=commands)

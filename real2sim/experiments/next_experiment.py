@@ -23,11 +23,11 @@ from saltus.arrays import Floats
 from saltus.effects.profile import IDEAL
 from saltus.real2sim.experiments.footage import FootageCamera
 from saltus.real2sim.experiments.menu import EXPERIMENTS, SEPARATIONS, Experiment
-from saltus.real2sim.experiments.run import SensorNoise, run
+from saltus.real2sim.experiments.run import SensorNoise, run_experiment
 from saltus.real2sim.problem.problem import Candidate, Problem, Unknown
 from saltus.real2sim.search.findings import FoundEffect
 from saltus.real2sim.sensors import SENSORS
-from saltus.real2sim.verdict import NextExperiment, largest
+from saltus.real2sim.verdict import NextExperiment, largest_distance
 from saltus.recordings.run_claims import RigClaims
 from saltus.robots.robot import Robot
 
@@ -42,7 +42,7 @@ NOTHING = 1e-9
 """Share of a signature's norm below which it is rounding."""
 
 
-def measure(
+def measure_separations(
     experiment: Experiment, robot: Robot, camera: FootageCamera | None = None
 ) -> dict[str, Any]:
     """The experiment's entry in the table: sizes and norms of effects by name,
@@ -50,7 +50,7 @@ def measure(
 
     With a camera, only what this camera shows is measured.
     """
-    log = run(experiment, robot, IDEAL, seed=SEED, noise=STEADY, camera=camera)
+    log = run_experiment(experiment, robot, IDEAL, seed=SEED, noise=STEADY, camera=camera)
     signatures: dict[str, tuple[float, Floats]] = {}
     cosine: dict[tuple[str, str], float] = {}
     for sensor in SENSORS:
@@ -199,7 +199,9 @@ def next_experiment(
     """
     if not sets:
         return None
-    sizes = {name: size for name in sets[0] if math.isfinite(size := largest(name, rivals))}
+    sizes = {
+        name: size for name in sets[0] if math.isfinite(size := largest_distance(name, rivals))
+    }
     pairs = list(combinations(sorted(sets[0]), 2))
     table = _table(robot, sets[0], rigs)
 
@@ -238,7 +240,9 @@ def _table(
         return table
     seeing = [name for name, experiment in EXPERIMENTS.items() if experiment.camera]
     return {
-        name: EffectSeparations(**measure(EXPERIMENTS[name], robot, FootageCamera.of(camera)))
+        name: EffectSeparations(
+            **measure_separations(EXPERIMENTS[name], robot, FootageCamera.of(camera))
+        )
         for name in seeing
     }
 

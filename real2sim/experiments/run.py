@@ -14,10 +14,10 @@ from saltus.constants import PHYSICS_DT
 from saltus.effects.imu import ImuReading
 from saltus.effects.profile import Profile
 from saltus.joint_command import JointCommand
-from saltus.real2sim.experiments.footage import FootageCamera, film
+from saltus.real2sim.experiments.footage import FootageCamera, film_experiment
 from saltus.real2sim.experiments.menu import Experiment
 from saltus.real2sim.experiments.motions import ExperimentSection
-from saltus.real2sim.problem.quaternions import turned
+from saltus.real2sim.problem.quaternions import turn_slightly
 from saltus.recordings.run_claims import SCHEMA, RigClaims, SegmentClaim, claim_of
 from saltus.recordings.run_log import JointTable, LogTable, RunLog
 from saltus.robots.robot import JOINTS, Robot
@@ -107,7 +107,9 @@ class Instruments:
 
     def _tilted(self, quaternion: Floats, sigma_rad: float) -> Floats:
         """Quaternions (n, 4) turned by small random rotations."""
-        return turned(quaternion, sigma_rad * self._rng.standard_normal((len(quaternion), 3)))
+        return turn_slightly(
+            quaternion, sigma_rad * self._rng.standard_normal((len(quaternion), 3))
+        )
 
 
 def _stacked(samples: Sequence[PlantState | ImuReading | JointCommand], name: str) -> Floats:
@@ -143,7 +145,7 @@ class _Tape:
     segments: list[SegmentClaim] = field(default_factory=list)
 
 
-def run(
+def run_experiment(
     experiment: Experiment,
     robot: Robot,
     profile: Profile,
@@ -180,7 +182,7 @@ def run(
     log.meta["camera"] = camera.claim()
     rows = tape.rows[:: round(1.0 / (camera.rate_hz * PHYSICS_DT))]
     true = (np.array([row.time_s for row in rows]), [row.state for row in rows])
-    return replace(log, depth=film(robot, camera, profile, terrain, *true, rng))
+    return replace(log, depth=film_experiment(robot, camera, profile, terrain, *true, rng))
 
 
 def _move(

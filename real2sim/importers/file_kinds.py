@@ -136,7 +136,7 @@ def rate_scale(q: Floats, dq: Floats, row_s: float) -> Floats:
     )
 
 
-def evenly(times_s: Floats, q: Floats, dq: Floats, at_s: Floats) -> tuple[Floats, Floats]:
+def resample_joints(times_s: Floats, q: Floats, dq: Floats, at_s: Floats) -> tuple[Floats, Floats]:
     """Angles at other times, by a cubic through angles and velocities,
     and velocities, which are noisier, linearly.
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats
 from saltus.errors import RecordingError, nearest_hint
 from saltus.real2sim.importers.file_kinds import kind_of
-from saltus.real2sim.importers.table import READERS, read_table
+from saltus.real2sim.importers.table import READERS, read_log_table
 from saltus.real2sim.importers.unitree import is_unitree, read_unitree
 from saltus.real2sim.screening.clock_faults import MIN_ROWS, clock_faults
 from saltus.real2sim.screening.screen import believed_units
@@ -91,7 +91,7 @@ def import_recording(
             f"{recording}: name its columns in the [columns] of a file, with --description"
         )
     else:
-        parts, notes = read_table(
+        parts, notes = read_log_table(
             recording, kind, description.columns, description.joint_names, description.leave_out
         )
     logs: dict[Path, RunLog] = {}

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.errors import RecordingError, nearest_hint
-from saltus.real2sim.importers.file_kinds import evenly, rate_scale, state_times
+from saltus.real2sim.importers.file_kinds import rate_scale, resample_joints, state_times
 from saltus.recordings.file_columns import names_in_archive, read_archive, read_parquet, read_text
 from saltus.recordings.recording_description import TableColumns
 from saltus.recordings.run_claims import CONTROL_DT, GAINS, RigClaims, SegmentClaim
@@ -34,7 +34,7 @@ LOG = "{log}"
 """In a name of [columns]: what tells the logs of one archive apart."""
 
 
-def read_table(
+def read_log_table(
     path: Path,
     kind: str,
     columns: TableColumns,
@@ -119,7 +119,7 @@ def _logs(
             )
         times = state_times(signals["q"], rate, row_s, columns.states_every_s)
         scale = rate_scale(signals["q"], rate, row_s)
-        signals["q"], rate = evenly(times, signals["q"], rate / scale, time_s)
+        signals["q"], rate = resample_joints(times, signals["q"], rate / scale, time_s)
         signals["dq"] = scale * rate
     usual = {gain: np.median(signals[gain], axis=0).tolist() for gain in GAINS if gain in signals}
     meta = cast(RigClaims, {"joints": joints, "control_dt": row_s, **usual})

@@ -19,7 +19,7 @@ from saltus.controller.robot.unitree.messages import (
     is_intact,
 )
 from saltus.errors import MessageError, RecordingError
-from saltus.recordings.bag_files import opened
+from saltus.recordings.bag_files import open_bag
 from saltus.recordings.run_claims import RigClaims
 from saltus.recordings.run_log import JointTable, LogTable, RunLog, period_of
 from saltus.robots.robot import JOINTS
@@ -31,7 +31,7 @@ NEVER_NS = np.iinfo(np.int64).max
 
 def is_unitree(path: Path) -> bool:
     """True for a bag that holds states of a Unitree's low level."""
-    with opened(path) as reader:
+    with open_bag(path) as reader:
         return any(c.msgtype == LOW_STATE.type_name for c in reader.connections)
 
 
@@ -134,7 +134,7 @@ def _read(
     kept: list[UnitreeMessage] = []
     times: list[int] = []
     damaged = 0
-    with opened(path) as reader:
+    with open_bag(path) as reader:
         chosen = [c for c in reader.connections if c.msgtype == layout.type_name]
         for _, recorded_ns, payload in reader.messages(chosen) if chosen else ():
             try:

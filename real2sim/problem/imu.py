@@ -15,7 +15,7 @@ from saltus.constants import PHYSICS_DT
 from saltus.effects.imu import ImuLatency
 from saltus.errors import RecordingError
 from saltus.real2sim.problem import quaternions
-from saltus.real2sim.problem.log import sampled, segments_of
+from saltus.real2sim.problem.log import interpolate_columns, segments_of
 from saltus.real2sim.problem.problem import (
     LARGEST_RESIDUAL,
     LEAST_SIGMA,
@@ -23,13 +23,13 @@ from saltus.real2sim.problem.problem import (
     LogSegment,
     Problem,
     Unknown,
-    candidate,
-    sought,
+    make_candidate,
+    parameter_unknown,
 )
 from saltus.real2sim.problem.stream_noise import (
     StreamNoise,
     quiet_sigma,
-    read_noise,
+    read_stream_noise,
     rotation_columns,
 )
 from saltus.recordings.run_log import RunLog
@@ -108,11 +108,14 @@ def imu_windows(log: RunLog, segments: Sequence[LogSegment]) -> ImuWindows:
     if log.imu is None:
         raise RecordingError("the log has no imu.csv")
     time_s, values = log.imu.time_s, log.imu.values
-    orientation = quaternions.continuous(values[:, :4])
-    noise = (read_noise(time_s, rotation_columns(orientation)), read_noise(time_s, values[:, 4:7]))
+    orientation = quaternions.continuous_quaternions(values[:, :4])
+    noise = (
+        read_stream_noise(time_s, rotation_columns(orientation)),
+        read_stream_noise(time_s, values[:, 4:7]),
+    )
     if log.base is not None:
-        base = (log.base.time_s, quaternions.continuous(log.base.values[:, 3:7]))
-        reference = read_noise(base[0], rotation_columns(base[1]))
+        base = (log.base.time_s, quaternions.continuous_quaternions(log.base.values[:, 3:7]))
+        reference = read_stream_noise(base[0], rotation_columns(base[1]))
         places = _places(segments, base[0])
     elif log.meta["base"] != "fixed":
         raise RecordingError("the base is not held, and no base.csv says how it moves")
@@ -125,16 +128,18 @@ def imu_windows(log: RunLog, segments: Sequence[LogSegment]) -> ImuWindows:
     mismatch, missed = _mismatch(time_s, values[:, 4:7], base)
     gained = np.cumsum(np.pad((missed * np.diff(time_s)[:, None]) ** 2, ((1, 0), (0, 0))), axis=0)
     # a robot that jumps turns too quickly for the noise of its rates to be told from its motion
-    gyro_noise = min(noise[1], read_noise(time_s[1:], mismatch), key=lambda each: each.sigma)
+    gyro_noise = min(noise[1], read_stream_noise(time_s[1:], mismatch), key=lambda each: each.sigma)
     start_s = np.array([start for _, start in places])
     steps = start_s[:, None] + np.arange(WINDOW_STEPS) * STEP_S
-    jumped = sampled(steps, time_s, gained)
+    jumped = interpolate_columns(steps, time_s, gained)
     return ImuWindows(
         start_s=start_s,
         segment=np.array([segment for segment, _ in places], dtype=np.int64),
-        gyro=sampled(steps, time_s, values[:, 4:7]),
+        gyro=interpolate_columns(steps, time_s, values[:, 4:7]),
         jumped=jumped - jumped[:, :1],
-        orientation=quaternions.normalised(sampled(steps, time_s, orientation)),
+        orientation=quaternions.normalise_quaternions(
+            interpolate_columns(steps, time_s, orientation)
+        ),
         base=base,
         noise=(noise[0], gyro_noise, reference),
     )
@@ -147,7 +152,7 @@ def _mismatch(time_s: Floats, gyro: Floats, base: tuple[Floats, Floats]) -> tupl
     The first is noise and bias. The second is what was missed where a foot landed between two
     samples, of which the log does not say when.
     """
-    turned = quaternions.normalised(sampled(time_s, *base))
+    turned = quaternions.normalise_quaternions(interpolate_columns(time_s, *base))
     moves = quaternions.to_vector(quaternion_product(quaternion_inverse(turned[:-1]), turned[1:]))
     rate = 0.5 * (gyro[1:] + gyro[:-1]) - moves / np.maximum(np.diff(time_s), SHORTEST_S)[:, None]
     usual = np.median(rate, axis=0)
@@ -201,17 +206,20 @@ TYPICAL = {"imu_latency.delay": 0.005, "imu_bias.gyro_x": 0.02, "imu_bias.roll":
 
 def imu_candidates() -> tuple[Candidate, ...]:
     """The effects of an IMU, nuisances last."""
-    tilt = [sought(name, 0.01) for name in ("roll", "pitch")]
+    tilt = [parameter_unknown(name, 0.01) for name in ("roll", "pitch")]
     axes = [Unknown(name, -0.3, 0.3, 0.02) for name in ("roll", "pitch", "yaw")]
     return (
-        candidate(
-            "imu_bias", *(sought(f"gyro_{axis}", 0.01) for axis in "xyz"), *tilt, where="imu"
+        make_candidate(
+            "imu_bias",
+            *(parameter_unknown(f"gyro_{axis}", 0.01) for axis in "xyz"),
+            *tilt,
+            where="imu",
         ),
-        candidate("imu_latency", sought("delay", 0.002), where="imu"),
+        make_candidate("imu_latency", parameter_unknown("delay", 0.002), where="imu"),
         # a bias of the reported tilt may or may not turn the gyroscope's axes too
-        candidate("gyro_axes", *axes, where="imu", is_nuisance=True),
+        make_candidate("gyro_axes", *axes, where="imu", is_nuisance=True),
         # a gyroscope's sample may stand for the step before it, or for the one after
-        candidate(
+        make_candidate(
             "gyro_sampling",
             Unknown("lead", -SAMPLING_S, SAMPLING_S, 0.001),
             where="imu",
@@ -261,7 +269,7 @@ class ImuProblem(Problem):
     def _base(self, delay_s: Floats) -> Floats:
         """Orientation of the base `delay_s` before each step, shape (n, w, steps, 4)."""
         at_s = self._windows.step_s - delay_s[:, None, None]
-        return quaternions.normalised(sampled(at_s, *self._windows.base))
+        return quaternions.normalise_quaternions(interpolate_columns(at_s, *self._windows.base))
 
     def _tilt_error(self, base: Floats, mount: Floats) -> Floats:
         """Reported minus expected tilt: the rotation vector without its part about the vertical,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats
 from saltus.errors import RecordingError, SaltusError
 from saltus.real2sim.problem.problem import LogSegment
-from saltus.recordings.run_claims import RigClaims, SegmentClaim, segments
+from saltus.recordings.run_claims import RigClaims, SegmentClaim, claimed_segments
 from saltus.recordings.run_log import JointTable, RunLog, read_claims, read_run_log
 from saltus.robots.loading import load_robot, reference_robot
 from saltus.robots.robot import Robot
@@ -94,24 +94,24 @@ def segments_of(log: RunLog) -> tuple[LogSegment, ...]:
             end_s=min(float(s["t1"]), end),
             condition=str(s["condition"]),
         )
-        for s in segments(log.meta)
+        for s in claimed_segments(log.meta)
     ]
     named = [segment for segment in named if segment.end_s > segment.start_s]
     return tuple(named) if named else _cut(log.joints)
 
 
-def untold(log: RunLog) -> str:
+def why_commands_unknown(log: RunLog) -> str:
     """Says why a log does not say what its drives were told; empty if it does."""
     if log.joints.q_des is None:
         return "no commands of the joints (q_des)"
     return "" if "kp" in log.meta else "meta.json claims no gains (kp, kd)"
 
 
-def gains(log: RunLog) -> tuple[Floats, Floats]:
+def claimed_gains(log: RunLog) -> tuple[Floats, Floats]:
     """Claimed stiffness [Nm/rad] and damping [Nm s/rad] of the drives,
     shape (joints,) each, read-only.
 
-    Of a log that claims them: `untold` says what is missing.
+    Of a log that claims them: `why_commands_unknown` says what is missing.
     """
     shape = (len(log.meta["joints"]),)
     kp, kd = (
@@ -127,7 +127,7 @@ def gains_in_force(log: RunLog) -> tuple[Floats, Floats]:
     own = (log.joints.kp, log.joints.kd)
     kp, kd = (
         np.broadcast_to(claimed, log.joints.q.shape) if column is None else column
-        for column, claimed in zip(own, gains(log), strict=True)
+        for column, claimed in zip(own, claimed_gains(log), strict=True)
     )
     return kp, kd
 
@@ -135,11 +135,12 @@ def gains_in_force(log: RunLog) -> tuple[Floats, Floats]:
 def has_changing_gains(log: RunLog) -> bool:
     """True where commands come with other gains than those that are claimed."""
     return any(
-        np.any(own != claimed) for own, claimed in zip(gains_in_force(log), gains(log), strict=True)
+        np.any(own != claimed)
+        for own, claimed in zip(gains_in_force(log), claimed_gains(log), strict=True)
     )
 
 
-def model_of(log: RunLog) -> Robot | Path:
+def claimed_model(log: RunLog) -> Robot | Path:
     """The model that a log names: a robot that Saltus ships, or the path of an MJCF of any kind."""
     name = str(log.meta["robot"])
     return load_robot(name) if name in shipped_robots() else Path(name)
@@ -176,7 +177,7 @@ def torque_limits(model: Robot | Path) -> Floats:
     return np.where(np.isfinite(limits), limits, reference_robot().torque_limit)
 
 
-def clocks(log: RunLog) -> dict[str, Floats]:
+def table_times(log: RunLog) -> dict[str, Floats]:
     """Times of the rows of each table that a log has; of images, when they arrived."""
     there = {name: table for name in TABLES if (table := getattr(log, name)) is not None}
     return {
@@ -196,7 +197,7 @@ def commanded_torque(log: RunLog) -> Floats:
     return torque if joints.tau_ff is None else torque + joints.tau_ff
 
 
-def rates(joints: JointTable) -> Floats:
+def joint_rates(joints: JointTable) -> Floats:
     """Measured velocities, or the change of the angles [rad/s], shape (rows, joints)."""
     return joints.dq if joints.dq is not None else np.gradient(joints.q, joints.time_s, axis=0)
 
@@ -206,7 +207,7 @@ def drive_torque(log: RunLog) -> Floats:
     shape (rows, joints).
     """
     kp, kd = gains_in_force(log)
-    return np.asarray(commanded_torque(log) - kp * log.joints.q - kd * rates(log.joints))
+    return np.asarray(commanded_torque(log) - kp * log.joints.q - kd * joint_rates(log.joints))
 
 
 def boxes_of(log: RunLog) -> Boxes:
@@ -215,7 +216,7 @@ def boxes_of(log: RunLog) -> Boxes:
     return Boxes.from_tables(terrain if isinstance(terrain, list) else [])
 
 
-def sampled(at_s: Floats, time_s: Floats, values: Floats) -> Floats:
+def interpolate_columns(at_s: Floats, time_s: Floats, values: Floats) -> Floats:
     """Linear interpolation of columns, shapes (...), (n,), (n, columns) -> (..., columns)."""
     place = np.interp(at_s, time_s, np.arange(len(time_s)))
     low = np.minimum(place.astype(np.int64), len(time_s) - 2)

@@ -182,7 +182,7 @@ class Candidate:
         return next((field.metadata for field in known if field.name == parameter), {})
 
 
-def sought(parameter: str, scale: float, **more: Any) -> Callable[[str], Unknown]:
+def parameter_unknown(parameter: str, scale: float, **more: Any) -> Callable[[str], Unknown]:
     """An unknown that is a parameter of its effect less its null value,
     between the values that the effect says.
 
@@ -200,7 +200,7 @@ def sought(parameter: str, scale: float, **more: Any) -> Callable[[str], Unknown
     return of
 
 
-def candidate(
+def make_candidate(
     effect: str, *unknowns: Unknown | Callable[[str], Unknown], where: str, **more: Any
 ) -> Candidate:
     """A candidate in one line; `more` are other fields of it."""
@@ -210,7 +210,7 @@ def candidate(
 def unknowns_of(
     effect: str, unknowns: Sequence[Unknown | Callable[[str], Unknown]]
 ) -> tuple[Unknown, ...]:
-    """Unknowns of an effect, with those that are `sought` between its values."""
+    """Unknowns of an effect, with those that are `parameter_unknown` between its values."""
     return tuple(each if isinstance(each, Unknown) else each(effect) for each in unknowns)
 
 

@@ -5,7 +5,7 @@ import numpy as np
 from saltus.arrays import Floats
 
 
-def normalised(quaternion: Floats) -> Floats:
+def normalise_quaternions(quaternion: Floats) -> Floats:
     """Scales quaternions (..., 4) to length 1; NaN of one that is 0."""
     return np.asarray(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True))
 
@@ -18,16 +18,18 @@ def to_vector(quaternion: Floats) -> Floats:
     return np.asarray(quaternion[..., 1:] * angle / np.where(sine > 1e-12, sine, 1.0))
 
 
-def turned(quaternion: Floats, vector: Floats) -> Floats:
+def turn_slightly(quaternion: Floats, vector: Floats) -> Floats:
     """Rotations followed by a small one in the turned frame, to first order:
     shapes (..., 4) and (..., 3) [rad].
     """
     w, v, half = quaternion[..., :1], quaternion[..., 1:], 0.5 * vector
     scalar = w - np.sum(v * half, axis=-1, keepdims=True)
-    return normalised(np.concatenate([scalar, v + w * half + np.cross(v, half)], axis=-1))
+    return normalise_quaternions(
+        np.concatenate([scalar, v + w * half + np.cross(v, half)], axis=-1)
+    )
 
 
-def continuous(quaternion: Floats) -> Floats:
+def continuous_quaternions(quaternion: Floats) -> Floats:
     """Rotations with signs that do not change from row to row, shape (n, 4)."""
     flips = np.sum(quaternion[1:] * quaternion[:-1], axis=1) < 0.0
     return np.asarray(

@@ -49,7 +49,7 @@ class StreamNoise:
         return self.sigma * float(np.sqrt(same)), float(following / same)
 
 
-def read_noise(time_s: Floats, values: Floats) -> StreamNoise:
+def read_stream_noise(time_s: Floats, values: Floats) -> StreamNoise:
     """Noise of a stream whose columns are alike, from means over `MEAN_S`;
     `values` has shape (n, columns).
 

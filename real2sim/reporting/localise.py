@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.log import drive_torque, rates
+from saltus.real2sim.problem.log import drive_torque, joint_rates
 from saltus.real2sim.problem.problem import ExplanatoryVariable, Problem
 from saltus.recordings.run_log import RunLog
 
@@ -68,7 +68,7 @@ class _Clue:
     elsewhere: float
 
 
-def localise(channels: Sequence[ResidualSignal]) -> tuple[ResidualExplanation, ...]:
+def localise_gap(channels: Sequence[ResidualSignal]) -> tuple[ResidualExplanation, ...]:
     """Statements on where the gap lies, those first that explain most power.
 
     Each channel gives at most one statement on proportionality and one on a regime. Equal
@@ -283,7 +283,7 @@ def explanatory_variables_of(
 
 def _joint_variables(log: RunLog, joint: int, time_s: Floats) -> list[ExplanatoryVariable]:
     joints = log.joints
-    q, dq = joints.q[:, joint], rates(joints)[:, joint]
+    q, dq = joints.q[:, joint], joint_rates(joints)[:, joint]
     # What the drive believes, if known
     torque = (drive_torque(log) if joints.tau_est is None else joints.tau_est)[:, joint]
     width = max(1, round(SMOOTH_S / float(np.median(np.diff(joints.time_s)))))

@@ -14,26 +14,26 @@ import numpy as np
 import plotly.graph_objects as go
 
 from saltus.effects.profile import EFFECTS, Profile
-from saltus.provenance import commit, package_version
+from saltus.provenance import current_commit, package_version
 from saltus.real2sim.problem.camera.problem import COLUMN, ROW
 from saltus.real2sim.reporting import figures
 from saltus.real2sim.reporting.localise import (
     ResidualExplanation,
     ResidualSignal,
     channels_of,
-    localise,
+    localise_gap,
 )
 from saltus.real2sim.reporting.verdict_text import (
     by_reason,
     drawn_lines,
     next_steps,
-    places,
-    sentence,
+    place_text,
+    verdict_sentence,
 )
 from saltus.real2sim.results import Judgement, SensorResult
 from saltus.real2sim.search.findings import ModelResiduals, SearchFindings
 from saltus.real2sim.verdict import Verdict
-from saltus.reports.page import render
+from saltus.reports.page import render_page
 
 MEANING = {
     "named": "Named: these effects explain the gap, "
@@ -91,11 +91,11 @@ def report_page(judgement: Judgement, *, seed: int = 0) -> str:
     findings = [
         comparison.findings for each in judgement.examinations for comparison in each.comparisons
     ]
-    return render(
+    return render_page(
         __file__,
         judgement=judgement,
         verdict=verdict,
-        sentence=sentence(verdict, judgement.profile),
+        sentence=verdict_sentence(verdict, judgement.profile),
         meaning=_meaning(verdict),
         drawn=drawn_lines(judgement),
         effects=_effects(verdict, findings),
@@ -130,7 +130,7 @@ def _effects(verdict: Verdict, findings: Sequence[SearchFindings]) -> list[tuple
     """
     rivals = [rival for each in findings for rival in each.rivals]
     return [
-        (effect.name, ", ".join(places(effect)), name, f"{found.value:.4g}",
+        (effect.name, ", ".join(place_text(effect)), name, f"{found.value:.4g}",
          "{:.4g} to {:.4g}".format(*found.ci90), found.unit, remark)
         for effects, remark in (
             (verdict.effects, "named"), (rivals, "in a set"),
@@ -152,10 +152,10 @@ def _residuals(comparison: SensorResult, residuals: ModelResiduals) -> ShownResi
         {variable.name: variable for variable in channel.variables} for channel, _ in worst
     ]
     return ShownResiduals(
-        statements=localise(channels_of(problem, log, residuals.before, known))[:SAID_BEFORE],
+        statements=localise_gap(channels_of(problem, log, residuals.before, known))[:SAID_BEFORE],
         left=None
         if np.array_equal(*both)
-        else localise(channels_of(problem, log, residuals.after, known))[:SAID_AFTER],
+        else localise_gap(channels_of(problem, log, residuals.after, known))[:SAID_AFTER],
         before=before,
         after=after,
         worst=worst,
@@ -191,7 +191,7 @@ def _known(profile: Profile, name: str, unit: str) -> str:
 def _provenance(judgement: Judgement, findings: Sequence[SearchFindings], seed: int) -> list[str]:
     """Commit and versions of the code with the profile, and the claims of each log."""
     lines = [
-        f"commit = {commit()}",
+        f"commit = {current_commit()}",
         f"seed = {seed}",
         f"python = {platform.python_version()}",
         *(f"{name} = {package_version(name)}" for name in PACKAGES),

@@ -13,7 +13,7 @@ from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.profile import IDEAL, SHIPPED, Profile, load_profile
 from saltus.errors import SaltusError
 from saltus.real2sim.patch import PATCH_FILE
-from saltus.real2sim.problem.log import model_of, robot_of
+from saltus.real2sim.problem.log import claimed_model, robot_of
 from saltus.real2sim.results import Judgement
 from saltus.real2sim.search.findings import FoundEffect, ParameterInterval
 from saltus.real2sim.verdict import Verdict
@@ -26,7 +26,7 @@ CLOSED_FROM = 0.005  # smaller shares round to 0 %
 MOST_PLACES = 4  # one of each leg; more are counted
 
 
-def sentence(verdict: Verdict, profile: Profile = IDEAL) -> str:
+def verdict_sentence(verdict: Verdict, profile: Profile = IDEAL) -> str:
     """The verdict on a simulator with this profile in a sentence,
     and a second one if effects of it do not fit.
     """
@@ -79,7 +79,7 @@ def value_lines(verdict: Verdict) -> list[str]:
     return lines
 
 
-def places(effect: FoundEffect) -> Sequence[str]:
+def place_text(effect: FoundEffect) -> Sequence[str]:
     """Place of an effect, e.g. some joints or one sensor."""
     return [effect.where] if isinstance(effect.where, str) else effect.where
 
@@ -98,7 +98,7 @@ def _line(effect: FoundEffect, remark: str) -> str:
         f"{found.unit}".rstrip()
         for name, found in effect.params.items()
     )
-    return f"{effect.name} at {', '.join(places(effect))}: {values}{remark}"
+    return f"{effect.name} at {', '.join(place_text(effect))}: {values}{remark}"
 
 
 def _misfits(names: tuple[str, ...]) -> str:
@@ -133,7 +133,7 @@ def _effect(name: str, effects: list[FoundEffect]) -> str:
     values = ", ".join(
         _value(param, [effect.params[param] for effect in effects]) for param in effects[0].params
     )
-    where = [place for effect in effects for place in places(effect)]
+    where = [place for effect in effects for place in place_text(effect)]
     return (
         f"{name} ({values}; "
         f"{', '.join(where) if len(where) <= MOST_PLACES else f'{len(where)} joints'})"
@@ -266,7 +266,7 @@ def _base(judgement: Judgement) -> str:
     """The flag that begins a new profile with the one of the comparison."""
     if judgement.profile == IDEAL:
         return ""
-    model = model_of(judgement.examinations[0].log)
+    model = claimed_model(judgement.examinations[0].log)
     is_shipped = isinstance(model, Robot) and judgement.profile == load_profile(SHIPPED, model)
     return f" --base {SHIPPED if is_shipped else 'PROFILE'}"
 
@@ -284,13 +284,13 @@ def _experiment_command(experiment: str, robot: str) -> str:
     return f"saltus real2sim experiments --run {experiment}{own} --out logs/{experiment}"
 
 
-def lines(judgement: Judgement, directory: Path) -> list[str]:
+def verdict_lines(judgement: Judgement, directory: Path) -> list[str]:
     """The verdict's word, values with intervals, what is doubtful, and what comes next.
 
     `directory` holds the patch.
     """
     verdict, profile = judgement.verdict, judgement.profile
-    said = [f"{verdict.verdict}: {sentence(verdict, profile)}"]
+    said = [f"{verdict.verdict}: {verdict_sentence(verdict, profile)}"]
     said += [f"  {line}" for line in value_lines(verdict)]
     said += drawn_lines(judgement)
     said += [f"note: {remark}" for remark in verdict.log_faults if verdict.verdict != "bad_log"]

@@ -16,7 +16,12 @@ from scipy.stats import t as student
 
 from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.camera.rays import expected_depth
-from saltus.real2sim.problem.log import commanded_torque, gains, has_changing_gains, untold
+from saltus.real2sim.problem.log import (
+    claimed_gains,
+    commanded_torque,
+    has_changing_gains,
+    why_commands_unknown,
+)
 from saltus.recordings.run_log import LogTable, RunLog
 
 # Offsets that are tried: some lead, and the largest latency of a camera on a robot
@@ -77,7 +82,7 @@ class ClockOffset:
         )
 
 
-def align(log: RunLog) -> tuple[ClockOffset, ...]:
+def clock_offsets(log: RunLog) -> tuple[ClockOffset, ...]:
     """Offsets of all pairs of streams in a log that show the same motion."""
     found = (
         _torque_on_command(log),
@@ -228,9 +233,14 @@ def _trend(
 def _torque_on_command(log: RunLog) -> ClockOffset | None:
     """Torque without the encoder's part shows when a command arrived at the drive."""
     joints = log.joints
-    if joints.tau_est is None or joints.dq is None or untold(log) or has_changing_gains(log):
+    if (
+        joints.tau_est is None
+        or joints.dq is None
+        or why_commands_unknown(log)
+        or has_changing_gains(log)
+    ):
         return None
-    (kp, kd), command = gains(log), commanded_torque(log)
+    (kp, kd), command = claimed_gains(log), commanded_torque(log)
     moved = np.ptp(command, axis=0) > 0
     if not moved.any():
         return None

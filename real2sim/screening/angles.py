@@ -7,14 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.log import model_of
+from saltus.real2sim.problem.log import claimed_model
 from saltus.real2sim.screening.channel_scales import (
     RIGHT,
     LogFault,
     by_cause,
     gears_of,
     is_off,
-    means,
+    step_means,
     unit_fault,
     unit_of,
 )
@@ -191,7 +191,7 @@ def _by_turns(reached: float) -> float:
 
 def _by_limits(log: RunLog, values: Floats, gears: tuple[float, ...]) -> Floats | None:
     """Factors without which all joints are within their limits; None if they are, or none helps."""
-    robot, names = model_of(log), [name.removesuffix("_joint") for name in log.meta["joints"]]
+    robot, names = claimed_model(log), [name.removesuffix("_joint") for name in log.meta["joints"]]
     if not isinstance(robot, Robot) or not set(names) <= set(JOINTS):
         return None
     index = [JOINTS.index(name) for name in names]
@@ -228,7 +228,7 @@ def rate_slopes(
     if len(time_s) < 4 * width:
         return None
     rate = (q[width:] - q[:-width]) / (time_s[width:] - time_s[:-width])[:, None]
-    mean = means(dq, width)
+    mean = step_means(dq, width)
     tiny = np.finfo(np.float64).tiny
     power, product = np.maximum(np.sum(rate**2, axis=0), tiny), np.sum(rate * mean, axis=0)
     told = np.maximum(np.sum(mean**2, axis=0), tiny)

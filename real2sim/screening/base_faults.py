@@ -9,13 +9,13 @@ from scipy.spatial.transform import Rotation
 
 from saltus.arrays import Floats, Indices
 from saltus.constants import GRAVITY
-from saltus.real2sim.problem.log import boxes_of, model_of, robot_of
+from saltus.real2sim.problem.log import boxes_of, claimed_model, robot_of
 from saltus.real2sim.screening.channel_scales import (
     LogFault,
     by_cause,
     is_off,
-    likely,
-    means,
+    likely_cause,
+    step_means,
     unit_fault,
     unit_of,
 )
@@ -160,7 +160,7 @@ def _gravity(imu: LogTable) -> Iterator[LogFault]:
     spread = float(np.std(acceleration, axis=0).max())
     is_twice = bool(unit_of("acc", 1.0 / max(abs(factor), 1e-9))) and size > spread
     is_unit = bool(unit_of("acc", abs(factor))) or abs(factor) > HEAVY or is_twice
-    said = likely("acc", factor) if is_unit else "was gravity taken out?"
+    said = likely_cause("acc", factor) if is_unit else "was gravity taken out?"
     yield LogFault(name="acceleration_unit", text=f"{told}: {said}", is_fatal=is_unit)
 
 
@@ -197,7 +197,7 @@ def _turns(time_s: Floats, quaternions: Floats, gyro: Floats) -> tuple[Floats, F
     rotations = _rotation(quaternions)
     steps_s = (time_s[rows:] - time_s[:-rows])[:, None]
     turn = (rotations[:-rows].inv() * rotations[rows:]).as_rotvec() / steps_s
-    return turn, means(gyro, rows)
+    return turn, step_means(gyro, rows)
 
 
 def _base(log: RunLog, base: LogTable) -> Iterator[LogFault]:
@@ -210,7 +210,7 @@ def _base(log: RunLog, base: LogTable) -> Iterator[LogFault]:
             f"base: position is {factor:.4g} times what it can be: z is {height:.4g}, more than "
             f"{FAR:.0f} m off the "
         )
-        yield LogFault(name="base_unit", text=f"{text}ground; {likely('position', factor)}")
+        yield LogFault(name="base_unit", text=f"{text}ground; {likely_cause('position', factor)}")
         return
     yield from _stands(log, base)
     rows = _span(base.time_s)
@@ -218,8 +218,8 @@ def _base(log: RunLog, base: LogTable) -> Iterator[LogFault]:
     change = (base.values[rows:, :3] - base.values[:-rows, :3]) / steps_s
     # a robot that is carried while nothing is recorded moves without a velocity
     whole = steps_s[:, 0] < CARRIED * np.median(steps_s)
-    mean = means(base.values[:, 7:10], rows)
-    turned = means(_rotation(base.values[:, 3:7]).apply(base.values[:, 7:10]), rows)
+    mean = step_means(base.values[:, 7:10], rows)
+    turned = step_means(_rotation(base.values[:, 3:7]).apply(base.values[:, 7:10]), rows)
     left, left_turned = (
         float(np.sqrt(np.mean((each - change)[whole] ** 2))) for each in (mean, turned)
     )
@@ -259,7 +259,7 @@ def _stands(log: RunLog, base: LogTable) -> Iterator[LogFault]:
 def _feet(log: RunLog, base: LogTable) -> tuple[Floats, Indices] | None:
     """Feet in the base frame [m], shape (rows, 4, 3), and rows of the base; None if none stand."""
     names = tuple(name.removesuffix("_joint") for name in log.meta["joints"])
-    robot = model_of(log)
+    robot = claimed_model(log)
     if log.meta.get("base") == "fixed" or names != JOINTS or not isinstance(robot, Robot):
         return None
     if not np.ptp(log.joints.q, axis=0).any():

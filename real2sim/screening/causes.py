@@ -13,7 +13,13 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from saltus.arrays import Floats
-from saltus.real2sim.screening.channel_scales import LogFault, by_cause, is_off, likely, unit_of
+from saltus.real2sim.screening.channel_scales import (
+    LogFault,
+    by_cause,
+    is_off,
+    likely_cause,
+    unit_of,
+)
 from saltus.recordings.log_units import ANGLES
 
 CAUSES = ("tau_est", "gains", "kp", "kd", "tau_ff")
@@ -93,7 +99,7 @@ class TorqueCauses:
         return min((cause.left for cause in self.of.values()), default=1.0)
 
 
-def causes(
+def torque_causes(
     torque: Floats,
     error: Floats,
     rate: Floats,
@@ -254,24 +260,26 @@ def _fault(cause: str, where: str, factor: float, gears: Sequence[float]) -> Log
     is_flipped = factor < 0.0
     if cause == "tau_ff":
         text = f"tau_ff of {where} is {1.0 / factor:.4g} times its part in tau_est: "
-        text += likely("tau_ff", 1.0 / factor, gears)
+        text += likely_cause("tau_ff", 1.0 / factor, gears)
         return LogFault(name="flipped_sign" if is_flipped else "torque_unit", text=text)
     if cause == "tau_est":
         text = f"tau_est of {where} is {factor:.4g} times what kp, kd and tau_ff make of q and dq: "
-        text += _gains_instead(factor) or likely("tau_est", factor, gears)
+        text += _gains_instead(factor) or likely_cause("tau_est", factor, gears)
         return LogFault(name="flipped_sign" if is_flipped else "torque_unit", text=text)
     if cause == "gains" and unit_of("tau_est", factor, gears):
         text = (
             f"tau_est and tau_ff of {where} are {factor:.4g} times what kp and kd "
             "make of q and dq: "
         )
-        return LogFault(name="torque_unit", text=text + likely("tau_est", factor, gears))
+        return LogFault(name="torque_unit", text=text + likely_cause("tau_est", factor, gears))
     which = "kp and kd" if cause == "gains" else cause
     text = f"tau_est of {where} shows {factor:.4g} times the {which} that meta.json claims: "
     text += _gains_instead(factor) or "correct the claim"
     if cause == "kd":
         inverse = 1.0 / factor
-        text += f"; or dq is {inverse:.4g} times the rate of q, {likely('dq', inverse, gears)}"
+        text += (
+            f"; or dq is {inverse:.4g} times the rate of q, {likely_cause('dq', inverse, gears)}"
+        )
     return LogFault(name="flipped_sign" if is_flipped else "wrong_gains", text=text)
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.log import model_of
+from saltus.real2sim.problem.log import claimed_model
 from saltus.recordings.log_units import SIGNALS
 from saltus.recordings.run_log import RunLog
 from saltus.robots.robot import Robot
@@ -31,7 +31,7 @@ class LogFault:
     """True where the log cannot be fitted."""
 
 
-def means(values: Floats, rows: int) -> Floats:
+def step_means(values: Floats, rows: int) -> Floats:
     """Means over `rows` steps, the ends with half weight.
 
     Shapes (n, columns) -> (n - rows, columns).
@@ -76,14 +76,16 @@ def unit_of(signal: str, factor: float, gears: Sequence[float] = (), near: float
     return name if _apart(factor, known[name]) < min(near, at_gear) else ""
 
 
-def likely(signal: str, factor: float, gears: Sequence[float] = GEARS, near: float = NEAR) -> str:
+def likely_cause(
+    signal: str, factor: float, gears: Sequence[float] = GEARS, near: float = NEAR
+) -> str:
     """Says where a factor of a signal, measured to within a share, comes from, and what to do."""
     if abs(factor) < NOTHING:
         return "it tells nothing; leave the columns out"
     if abs(factor + 1.0) < near:
         return "a sign is flipped (-1)"
     if factor < 0.0:
-        return f"a sign is flipped, and {likely(signal, -factor, gears, near)}"
+        return f"a sign is flipped, and {likely_cause(signal, -factor, gears, near)}"
     turns = (
         [turn for gear in gears for turn in (gear, 1.0 / gear)]
         if SIGNALS[signal].table == "joints"
@@ -114,7 +116,7 @@ def _apart(factor: float, known: float) -> float:
 
 def gears_of(log: RunLog) -> tuple[float, ...]:
     """Reductions of the log's robot, those of a Go1 where it has none."""
-    robot = model_of(log)
+    robot = claimed_model(log)
     own = sorted(set(np.round(robot.reduction, 4).tolist())) if isinstance(robot, Robot) else []
     return tuple(own) if any(gear > 1.0 for gear in own) else GEARS
 
@@ -160,5 +162,5 @@ def unit_fault(
     """A fault of a signal that is `factor` times `than`, measured to within a share."""
     is_flipped = abs(factor + 1.0) < near
     verb = "are" if " and " in where.partition(" of ")[0] else "is"
-    text = f"{where} {verb} {factor:.4g} times {than}: {likely(signal, factor, gears, near)}"
+    text = f"{where} {verb} {factor:.4g} times {than}: {likely_cause(signal, factor, gears, near)}"
     return LogFault(name="flipped_sign" if is_flipped else name, text=text)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.log import clocks, rows_between, segments_of
+from saltus.real2sim.problem.log import rows_between, segments_of, table_times
 from saltus.real2sim.screening.channel_scales import LogFault
 from saltus.recordings.log_units import TIMES
 from saltus.recordings.run_log import JOINT_SIGNALS, RunLog, period_of
@@ -139,7 +139,7 @@ def clock_faults(log: RunLog) -> list[LogFault]:
         faults += _units(log)
     if any(fault.is_fatal for fault in faults):
         return faults
-    for name, time_s in clocks(log).items():
+    for name, time_s in table_times(log).items():
         faults += _order(name, time_s)
     if not any(fault.is_fatal for fault in faults) and len(log.joints.time_s) >= MIN_ROWS:
         faults += [*_steps(log), *_lost(log), *_jumps(log), *_repeated(log)]
@@ -149,7 +149,7 @@ def clock_faults(log: RunLog) -> list[LogFault]:
 def _stamps(log: RunLog) -> dict[str, Floats]:
     """All times that a log has, by their names in faults."""
     captures = None if log.depth is None else log.depth.capture_s
-    return clocks(log) | ({} if captures is None else {"depth captures": captures})
+    return table_times(log) | ({} if captures is None else {"depth captures": captures})
 
 
 def _units(log: RunLog) -> Iterator[LogFault]:

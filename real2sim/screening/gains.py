@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Indices
-from saltus.real2sim.problem.log import gains_in_force, rates, untold
+from saltus.real2sim.problem.log import gains_in_force, joint_rates, why_commands_unknown
 from saltus.real2sim.screening.angles import rate_slopes
-from saltus.real2sim.screening.causes import TorqueCauses, cause_faults, causes
+from saltus.real2sim.screening.causes import TorqueCauses, cause_faults, torque_causes
 from saltus.real2sim.screening.channel_scales import LogFault, gears_of, unit_fault
 from saltus.recordings.run_log import JointTable, RunLog
 
@@ -94,9 +94,9 @@ ever."""
 def gain_faults(log: RunLog) -> Iterator[LogFault]:
     """Faults of kp, kd and of the signs of torques, from `tau_est`.
 
-    Yields none if the log lacks `tau_est`, or commands or claimed gains (`untold`).
+    Yields none if the log lacks `tau_est`, or commands or claimed gains (`why_commands_unknown`).
     """
-    if log.joints.tau_est is None or untold(log):
+    if log.joints.tau_est is None or why_commands_unknown(log):
         return
     names, drives = log.meta["joints"], _regressions(log, log.joints.tau_est)
     scaled = list(cause_faults(names, [drive.causes for drive in drives], gears_of(log)))
@@ -108,7 +108,7 @@ def angle_scale_faults(log: RunLog) -> Iterator[LogFault]:
     and the drives' kp is as claimed, but for one factor.
     """
     joints = log.joints
-    if joints.tau_est is None or joints.dq is None or untold(log):
+    if joints.tau_est is None or joints.dq is None or why_commands_unknown(log):
         return
     slopes = rate_slopes(joints.time_s, joints.q, joints.dq)
     if slopes is None or not np.isfinite(slopes).any():
@@ -137,7 +137,7 @@ def _regressions(log: RunLog, torque: Floats) -> list["_Regression"]:
     rows = np.linspace(0, len(torque) - 1, min(ROWS, len(torque))).astype(int)
     row_s = joints.time_s[rows]
     q, dq, torques = (
-        np.ascontiguousarray(each[rows].T) for each in (joints.q, rates(joints), torque)
+        np.ascontiguousarray(each[rows].T) for each in (joints.q, joint_rates(joints), torque)
     )
     gains = [np.max(each, axis=0) for each in told]
     shares = [  # of the largest gain
@@ -252,7 +252,7 @@ class _Regression:
         """Factors that may be wrong."""
         feedforward = self.matrix[4] if len(self.matrix) > 4 else None
         error, rate = self.kp * self.matrix[0], self.kd * self.matrix[1]
-        return causes(self.torque, error, rate, feedforward, is_rate_measured=self.has_rate)
+        return torque_causes(self.torque, error, rate, feedforward, is_rate_measured=self.has_rate)
 
 
 def _keep_best(drives: list[_Regression], columns: Floats, torques: Floats) -> None:

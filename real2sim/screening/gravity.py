@@ -13,7 +13,12 @@ from scipy.ndimage import uniform_filter1d
 
 from saltus.arrays import Floats
 from saltus.constants import GRAVITY
-from saltus.real2sim.problem.log import gains_in_force, model_of, rates, untold
+from saltus.real2sim.problem.log import (
+    claimed_model,
+    gains_in_force,
+    joint_rates,
+    why_commands_unknown,
+)
 from saltus.real2sim.screening.channel_scales import LogFault
 from saltus.recordings.run_log import RunLog
 from saltus.robots.legs import LegKinematics
@@ -43,12 +48,12 @@ def gravity_faults(log: RunLog) -> Iterator[LogFault]:
     """Faults of joints of a held robot that hold the opposite of their weight,
     too much or too little.
     """
-    if log.meta.get("base") != "fixed" or log.base is not None or untold(log):
+    if log.meta.get("base") != "fixed" or log.base is not None or why_commands_unknown(log):
         return
     names = list(log.meta["joints"])
     held = _mean_torque(log)
     rows = np.unique(np.linspace(0, len(log.joints.q) - 1, STATES).astype(int))
-    weight = HeldRobot(model_of(log), names).weight(log.joints.q[rows]).mean(axis=0)
+    weight = HeldRobot(claimed_model(log), names).weight(log.joints.q[rows]).mean(axis=0)
     heavy = np.abs(weight) > MIN_WEIGHT
     opposite = heavy & (np.abs(held + weight) < AGREES * np.abs(weight))
     for joint in np.flatnonzero(opposite):
@@ -88,13 +93,13 @@ def feedforward_faults(log: RunLog) -> Iterator[LogFault]:
     if (
         joints.tau_ff is None
         or joints.tau_est is not None
-        or untold(log)
+        or why_commands_unknown(log)
         or not joints.tau_ff.any()
     ):
         return
     kp, kd = gains_in_force(log)
     told = 0.0 if joints.dq_des is None else joints.dq_des
-    by_gains = kp * (joints.commanded_q - joints.q) + kd * (told - rates(joints))
+    by_gains = kp * (joints.commanded_q - joints.q) + kd * (told - joint_rates(joints))
     held = _weight_of_joints if log.meta.get("base") == "fixed" else _weight_on_feet
     compared = held(log, by_gains, joints.tau_ff)
     if compared is None:
@@ -124,7 +129,7 @@ def _weight_of_joints(log: RunLog, by_gains: Floats, extra: Floats) -> tuple[Flo
     q, gained, part = (
         uniform_filter1d(each, width, axis=0)[rows] for each in (log.joints.q, by_gains, extra)
     )
-    return HeldRobot(model_of(log), list(log.meta["joints"])).weight(q) - gained, part
+    return HeldRobot(claimed_model(log), list(log.meta["joints"])).weight(q) - gained, part
 
 
 def _weight_on_feet(log: RunLog, by_gains: Floats, extra: Floats) -> tuple[Floats, Floats] | None:
@@ -132,7 +137,10 @@ def _weight_on_feet(log: RunLog, by_gains: Floats, extra: Floats) -> tuple[Float
 
     None where the gains hold it.
     """
-    robot, names = model_of(log), tuple(name.removesuffix("_joint") for name in log.meta["joints"])
+    robot, names = (
+        claimed_model(log),
+        tuple(name.removesuffix("_joint") for name in log.meta["joints"]),
+    )
     if not isinstance(robot, Robot) or names != JOINTS:
         return None
     rows = np.unique(np.linspace(0, len(log.joints.q) - 1, STATES).astype(int))

@@ -10,7 +10,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.optimize import linear_sum_assignment
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.log import gains_in_force, model_of, untold
+from saltus.real2sim.problem.log import claimed_model, gains_in_force, why_commands_unknown
 from saltus.real2sim.screening import channel_scales
 from saltus.real2sim.screening.angles import (
     BEYOND_LIMIT,
@@ -75,7 +75,7 @@ class _SlowMotion:
         self.is_fixed = log.meta.get("base") == "fixed"
         width = max(1, round(SLOW_S / float(np.median(np.diff(log.joints.time_s)))))
         told = log.joints.commanded_q
-        if not untold(log):  # a drive without stiffness follows no angle
+        if not why_commands_unknown(log):  # a drive without stiffness follows no angle
             told = np.where(gains_in_force(log)[0] > 0.0, told, log.joints.q)
         # twice: a triangular window has small side lobes
         self.q, self.q_des = (
@@ -149,7 +149,7 @@ def _time_unit(joints: JointTable) -> Iterator[LogFault]:
         return  # stamps that stand still are a fault of their own
     turned = joints.q[rows:] - joints.q[:-rows]
     if joints.dq is not None:
-        expected = channel_scales.means(joints.dq, rows) * lasts
+        expected = channel_scales.step_means(joints.dq, rows) * lasts
         power, told = float(np.sum(turned**2)), float(np.sum(expected**2))
         is_one_motion = np.sum(turned * expected) > ALIKE * np.sqrt(power * told) > 0.0
         times = np.sqrt(told / power) if is_one_motion else 1.0
@@ -171,7 +171,7 @@ def _time_unit(joints: JointTable) -> Iterator[LogFault]:
 def _limits(log: RunLog) -> Iterator[LogFault]:
     """Joints of a known robot outside their range: names, signs or offsets are wrong."""
     names = log.meta["joints"]
-    robot = model_of(log)
+    robot = claimed_model(log)
     if not isinstance(robot, Robot) or not set(names) <= set(JOINTS):
         return
     index = [JOINTS.index(name) for name in names]

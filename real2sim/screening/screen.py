@@ -16,13 +16,13 @@ from dataclasses import replace
 from typing import Any
 
 from saltus.effects.effect import map_arrays
-from saltus.real2sim.problem.log import clocks
+from saltus.real2sim.problem.log import table_times
 from saltus.real2sim.screening.base_faults import pose_faults, rig_faults
 from saltus.real2sim.screening.channel_scales import LogFault
 from saltus.real2sim.screening.clock_faults import MIN_ROWS, clock_faults
 from saltus.real2sim.screening.depth_faults import depth_faults
 from saltus.real2sim.screening.joint_faults import joint_faults, unit_faults
-from saltus.recordings.run_claims import segments
+from saltus.recordings.run_claims import claimed_segments
 from saltus.recordings.run_log import RunLog
 
 LEAST_S = 1.5
@@ -39,7 +39,7 @@ AT_ONCE = {
 """Faults that single rows show, or half a second in which nothing is read."""
 
 
-def screen(log: RunLog) -> list[LogFault]:
+def screen_log(log: RunLog) -> list[LogFault]:
     """Faults of a log, fatal ones first."""
     faults = clock_faults(log)
     if not any(fault.is_fatal for fault in faults):
@@ -57,7 +57,7 @@ def _of_contents(log: RunLog) -> list[LogFault]:
     found = _by_motion(log)
     if all(fault.name in AT_ONCE for fault in found if fault.is_fatal):
         return found
-    is_everywhere = any(fault.is_fatal for fault in _by_motion(until(log, end_s - END_S)))
+    is_everywhere = any(fault.is_fatal for fault in _by_motion(log_until(log, end_s - END_S)))
     return (
         found
         if is_everywhere
@@ -98,7 +98,7 @@ def cut_faults(log: RunLog) -> Iterator[LogFault]:
     end_s = float(log.joints.time_s[-1])
     if said := log.meta.get("cut"):
         yield LogFault(name="cut", text=f"the recording is cut: {said}", is_fatal=False)
-    planned = segments(log.meta)
+    planned = claimed_segments(log.meta)
     gone = [s for s in planned if float(s["t0"]) >= end_s]
     broken = [s for s in planned if float(s["t0"]) < end_s < float(s["t1"]) - LATE_S]
     if gone or broken:
@@ -110,18 +110,18 @@ def cut_faults(log: RunLog) -> Iterator[LogFault]:
             f"{', '.join(parts)}"
         )
         yield LogFault(name="cut", text=text, is_fatal=False)
-    for name, time_s in clocks(log).items():
+    for name, time_s in table_times(log).items():
         if len(time_s) and end_s - time_s[-1] > EARLIER_S:
             text = f"{name}: ends {end_s - time_s[-1]:.2f} s before the joints: is it cut?"
             yield LogFault(name="cut", text=text, is_fatal=False)
 
 
-def until(log: RunLog, end_s: float) -> RunLog:
+def log_until(log: RunLog, end_s: float) -> RunLog:
     """The rows of all tables before a time on the log's clock.
 
     Another table than that of the joints may be gone.
     """
-    kept = {name: time_s < end_s for name, time_s in clocks(log).items()}
+    kept = {name: time_s < end_s for name, time_s in table_times(log).items()}
     tables: dict[str, Any] = {
         name: map_arrays(lambda values, own=own: values[own], getattr(log, name))
         if own.any() or name == "joints"

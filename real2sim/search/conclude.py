@@ -21,11 +21,16 @@ from saltus.real2sim.search.findings import (
 )
 from saltus.real2sim.search.known_fits import KnownFits
 from saltus.real2sim.search.model_fit import ModelFit, ProblemEvaluator
-from saltus.real2sim.search.quadratic import QuadraticCost, dispersion, held_out_gains, spread
+from saltus.real2sim.search.quadratic import (
+    QuadraticCost,
+    gains_spread,
+    held_out_gains,
+    score_dispersion,
+)
 from saltus.real2sim.search.repeats import closed_of_repeating, repeats_of
 from saltus.real2sim.search.reported import Groups, misfits_of, stated_model, unseen_of
 from saltus.real2sim.search.residual_split import CHANCE, ResidualCells
-from saltus.real2sim.search.unknowns_layout import ModelEffects, UnknownsLayout, model_of
+from saltus.real2sim.search.unknowns_layout import ModelEffects, UnknownsLayout, with_effects
 
 LASTING, UNEVEN = 0.4, 3.0
 """Noise that lasts longer than its level was read from shows in all segments, whatever they move:
@@ -56,7 +61,7 @@ def findings(
     """Findings from all fitted models; `evaluate` simulates the stated values."""
     scored = [comparison.score(each) for each in known.fits.values()]
     best = min(scored, key=lambda each: each.total).fit  # its residuals are closest to noise
-    wide = dispersion(
+    wide = score_dispersion(
         best.quadratic(comparison.layout, comparison.split), np.ones(len(best.columns), dtype=bool)
     )
     chosen = decide.choose(comparison, scored, wide)
@@ -137,7 +142,7 @@ def _instead(
     found = []
     for effect, others in alike.items():
         for other in others:
-            model = model_of({*chosen, other} - {effect})
+            model = with_effects({*chosen, other} - {effect})
             if other not in chosen and model in fits:
                 places = estimates.places_of(problem, comparison, fits[model], other)
                 found += _state(problem, other, estimates.group(problem, places, comparison.size))
@@ -260,7 +265,7 @@ def _ranking(
     ranked = []
     for each in sorted(scored, key=lambda each: each.total)[:RANKED]:
         gains = held_out_gains(null.held_out, each.held_out, comparison.split)
-        _, interval = spread(gains, comparison.rng)
+        _, interval = gains_spread(gains, comparison.rng)
         ranked.append(
             RankedModel(
                 effects=each.fit.model,

@@ -9,8 +9,8 @@ from saltus.arrays import Floats
 from saltus.real2sim.problem.problem import Candidate
 from saltus.real2sim.search.findings import EffectConfusion
 from saltus.real2sim.search.model_fit import ModelFit
-from saltus.real2sim.search.quadratic import dispersion as quadratic_dispersion
-from saltus.real2sim.search.quadratic import downside, held_out_gains
+from saltus.real2sim.search.quadratic import gains_downside, held_out_gains
+from saltus.real2sim.search.quadratic import score_dispersion as quadratic_dispersion
 from saltus.real2sim.search.residual_split import TEST, ResidualCells, ResidualSplit
 from saltus.real2sim.search.unknowns_layout import ModelEffects, UnknownsLayout
 
@@ -120,7 +120,9 @@ class ModelComparison:
     def lead(self, before: ScoredFit, after: ScoredFit, dispersion: float) -> bool:
         """True where the held-out gain of `after` over `before` is larger than chance."""
         gains = held_out_gains(before.held_out, after.held_out, self.split)
-        return self.gain(before, after) > max(GAIN_NATS * dispersion, SPREAD * downside(gains))
+        return self.gain(before, after) > max(
+            GAIN_NATS * dispersion, SPREAD * gains_downside(gains)
+        )
 
     def closed(self, null: ScoredFit, before: ScoredFit, after: ScoredFit) -> float:
         """Share of the structure after `before` that `after` removes,

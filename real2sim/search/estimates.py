@@ -10,7 +10,7 @@ from saltus.real2sim.problem.problem import Candidate, ParameterEstimate, Proble
 from saltus.real2sim.search.decide import ModelComparison
 from saltus.real2sim.search.findings import FoundEffect, ParameterInterval
 from saltus.real2sim.search.model_fit import ModelFit
-from saltus.real2sim.search.quadratic import covariance, white_covariance
+from saltus.real2sim.search.quadratic import unknowns_covariance, white_covariance
 
 SAME = 0.1
 """Values at several places count as equal if they differ by less than this share beyond their
@@ -76,7 +76,7 @@ def places_of(
     free = np.ones(len(fit.columns), dtype=bool)
     found = []
     for block in range(len(problem.blocks)):
-        scatter = covariance(quadratic, block, free)
+        scatter = unknowns_covariance(quadratic, block, free)
         white = white_covariance(quadratic, block, free)
         for index, candidate in enumerate(problem.candidates):
             if candidate.effect != effect:

@@ -14,7 +14,7 @@ import numpy as np
 from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.search.quadratic import QuadraticCost, bounded_minimum
-from saltus.real2sim.search.residual_split import ResidualSplit, split
+from saltus.real2sim.search.residual_split import ResidualSplit, split_residuals
 from saltus.real2sim.search.unknowns_layout import STEP, ModelEffects, UnknownsLayout
 
 BATCH = 64
@@ -140,12 +140,12 @@ def fitted_null(
     """
     unknowns = np.tile(problem.absent, (len(problem.blocks), 1))
     start = begun(evaluate, layout, (), layout.nuisances, unknowns, "nuisances")
-    own = split(problem, start.residuals)
-    (null,) = refine(evaluate, layout, own, [start], stage="nuisances")
+    own = split_residuals(problem, start.residuals)
+    (null,) = refine_fits(evaluate, layout, own, [start], stage="nuisances")
     return null, own
 
 
-def renewed(
+def renew_derivatives(
     evaluate: ProblemEvaluator, layout: UnknownsLayout, fits: Sequence[ModelFit], stage: str
 ) -> list[ModelFit]:
     """The fits with derivatives at where they are now."""
@@ -158,7 +158,7 @@ def renewed(
     ]
 
 
-def refine(
+def refine_fits(
     evaluate: ProblemEvaluator,
     layout: UnknownsLayout,
     split: ResidualSplit,

@@ -188,7 +188,7 @@ def held_out_gains(before: Floats, after: Floats, split: ResidualSplit) -> Float
     return np.asarray(0.5 * (before - after).sum(axis=0)[split.fold != TEST])
 
 
-def spread(gains: Floats, rng: np.random.Generator) -> tuple[float, tuple[float, float]]:
+def gains_spread(gains: Floats, rng: np.random.Generator) -> tuple[float, tuple[float, float]]:
     """Standard deviation and 90 % interval of the sum of gains,
     from chunks drawn with replacement.
     """
@@ -198,7 +198,7 @@ def spread(gains: Floats, rng: np.random.Generator) -> tuple[float, tuple[float,
     return float(totals.std()), (float(low), float(high))
 
 
-def downside(gains: Floats) -> float:
+def gains_downside(gains: Floats) -> float:
     """Standard deviation of the sum of gains, estimated from the losses.
 
     A true effect may show in a few chunks only: gains then scatter although their sum is certain. A
@@ -208,7 +208,7 @@ def downside(gains: Floats) -> float:
     return float(np.sqrt(2.0 * np.sum(np.minimum(gains, 0.0) ** 2)))
 
 
-def covariance(quadratic: QuadraticCost, block: int, free: Mask) -> Floats:
+def unknowns_covariance(quadratic: QuadraticCost, block: int, free: Mask) -> Floats:
     """Covariance of the fitted unknowns for residuals of any colour,
     shape (k, k); 0 where not free.
 
@@ -242,7 +242,7 @@ def white_covariance(quadratic: QuadraticCost, block: int, free: Mask) -> Floats
     return full
 
 
-def dispersion(quadratic: QuadraticCost, free: Mask) -> float:
+def score_dispersion(quadratic: QuadraticCost, free: Mask) -> float:
     """Ratio of the variance of scores to that of white noise of unit variance, at least 1.
 
     Gains divided by it are as those of independent samples.

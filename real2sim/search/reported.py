@@ -11,7 +11,12 @@ from saltus.arrays import Floats
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.search import decide, estimates, model_fit
 from saltus.real2sim.search.decide import CLEAR_SHARE, REMAINDER_SHARE, ModelComparison, ScoredFit
-from saltus.real2sim.search.model_fit import ModelFit, ProblemEvaluator, refine, renewed
+from saltus.real2sim.search.model_fit import (
+    ModelFit,
+    ProblemEvaluator,
+    refine_fits,
+    renew_derivatives,
+)
 from saltus.real2sim.search.quadratic import bounded_minimum
 
 ITERATIONS = 3
@@ -272,8 +277,8 @@ def _without_misfits(
 
 def _refitted(problem: Problem, comparison: ModelComparison, old: ModelFit) -> ModelFit:
     evaluate, stage = ProblemEvaluator(problem), "profile"
-    fresh = renewed(evaluate, comparison.layout, [old], stage)
-    (fit,) = refine(evaluate, comparison.layout, comparison.split, fresh, stage=stage)
+    fresh = renew_derivatives(evaluate, comparison.layout, [old], stage)
+    (fit,) = refine_fits(evaluate, comparison.layout, comparison.split, fresh, stage=stage)
     return fit
 
 

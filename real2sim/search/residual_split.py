@@ -59,7 +59,7 @@ class ResidualSplit:
         return self.fold[self.chunk] != TEST
 
 
-def split(problem: Problem, residuals: Floats) -> ResidualSplit:
+def split_residuals(problem: Problem, residuals: Floats) -> ResidualSplit:
     """Splits a problem's residuals.
 
     Those of the model without effects, shape (blocks, m), tell repeats from different amplitudes.

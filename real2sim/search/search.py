@@ -27,7 +27,7 @@ from saltus.real2sim.search.findings import SearchFindings
 from saltus.real2sim.search.known_fits import KnownFits
 from saltus.real2sim.search.model_fit import ModelFit, ProblemEvaluator
 from saltus.real2sim.search.residual_split import ResidualCells, ResidualSplit
-from saltus.real2sim.search.unknowns_layout import ModelEffects, UnknownsLayout, model_of
+from saltus.real2sim.search.unknowns_layout import ModelEffects, UnknownsLayout, with_effects
 
 REFITTED = 4
 """Number of single effects that are refitted with fresh derivatives.
@@ -45,7 +45,7 @@ RIVALS = 3
 that is stated."""
 
 
-def search(
+def search_effects(
     problem: Problem, *, progress: Callable[[str, int], None] | None = None, seed: int = 0
 ) -> SearchFindings:
     """Finds the effects that explain the gap between a problem's log and the simulator.
@@ -114,7 +114,7 @@ class _Search:
             for effect in self._layout.effects
             for start in self._known.starts((effect,), null)
         ]
-        tried = model_fit.refine(
+        tried = model_fit.refine_fits(
             self._evaluate, self._layout, self._split, starts, stage="single effects"
         )
         fits = model_fit.best_of_each(tried, self._split)
@@ -132,7 +132,7 @@ class _Search:
         likely, layout, null = self._problem.likely, self._layout, self._known.fits[()]
         if likely is None:
             return
-        model = model_of(
+        model = with_effects(
             [effect for effect in layout.effects if likely[layout.of_effects([effect])].any()]
         )[:LARGEST]
         columns, own = layout.of_model(model), layout.of_effects(model)
@@ -144,16 +144,16 @@ class _Search:
         self._refit([model], "single effects")
         while len(model) > 1:
             self._eliminate(model)
-            parts = [model_of(set(model) - {effect}) for effect in model]
+            parts = [with_effects(set(model) - {effect}) for effect in model]
             model = min(parts, key=lambda part: self._known.cost(self._known.fits[part]))
 
     def _refit(self, models: list[ModelEffects], stage: str) -> None:
         """Renews derivatives of fits and continues them."""
-        fresh = model_fit.renewed(
+        fresh = model_fit.renew_derivatives(
             self._evaluate, self._layout, [self._known.fits[model] for model in models], stage
         )
         self._known.keep(
-            model_fit.refine(self._evaluate, self._layout, self._split, fresh, stage=stage)
+            model_fit.refine_fits(self._evaluate, self._layout, self._split, fresh, stage=stage)
         )
 
     def _fit_larger(self, best_so_far: ModelEffects, size: int) -> None:
@@ -175,7 +175,7 @@ class _Search:
             for start in self._known.starts(model, part)
         ]
         fits = model_fit.best_of_each(
-            model_fit.refine(
+            model_fit.refine_fits(
                 self._evaluate, self._layout, self._split, starts, stage=f"{size} effects"
             ),
             self._split,
@@ -191,15 +191,17 @@ class _Search:
 
     def _fit_union(self, best_so_far: ModelEffects, other: ModelEffects, size: int) -> None:
         """Fits the union of two good models; where they imitate each other, both have far to go."""
-        model = model_of([*best_so_far, *other])
+        model = with_effects([*best_so_far, *other])
         if len(model) != size or model in self._known.fits:
             return
         stage, parts = f"{size} effects", [self._known.fits[part] for part in (best_so_far, other)]
         fits = [start for part in parts for start in self._known.starts(model, part)]
         for patience in range(PATIENCE):
             if patience:
-                fits = model_fit.renewed(self._evaluate, self._layout, fits, stage)
-            fits = model_fit.refine(self._evaluate, self._layout, self._split, fits, stage=stage)
+                fits = model_fit.renew_derivatives(self._evaluate, self._layout, fits, stage)
+            fits = model_fit.refine_fits(
+                self._evaluate, self._layout, self._split, fits, stage=stage
+            )
         (self._known.fits[model],) = model_fit.best_of_each(fits, self._split)
 
     def _refit_rivals(self) -> None:
@@ -220,7 +222,9 @@ class _Search:
         self._refit(models, "rivals")
         # what the descent corrected on its way is not what the derivatives are at its end
         rivals = [self._known.fits[model] for model in models]
-        self._known.keep(model_fit.renewed(self._evaluate, self._layout, rivals, "rivals"))
+        self._known.keep(
+            model_fit.renew_derivatives(self._evaluate, self._layout, rivals, "rivals")
+        )
 
     def _from_above(self, models: list[ModelEffects]) -> list[ModelFit]:
         """Starts of models from fits of one more effect that promise a gain.
@@ -272,7 +276,7 @@ class _Search:
                 jacobian = here.jacobian.copy()
                 jacobian[:, np.isin(here.columns, columns)] = own
                 starts.append(replace(here, unknowns=unknowns, residuals=r, jacobian=jacobian))
-            tried = model_fit.refine(self._evaluate, layout, self._split, starts, stage=stage)
+            tried = model_fit.refine_fits(self._evaluate, layout, self._split, starts, stage=stage)
             self._known.keep(model_fit.best_of_each(tried, self._split))
             self._known.forget(model)
             self._refit([model], stage)
@@ -296,7 +300,7 @@ class _Search:
         """Refits the model without each of its effects, from its values:
         this may leave a poor minimum.
         """
-        parts = [model_of(set(model) - {effect}) for effect in model]
+        parts = [with_effects(set(model) - {effect}) for effect in model]
         self._keep_better(
             self._reduced([(model, part) for part in parts], "elimination"), "elimination"
         )
@@ -326,7 +330,9 @@ class _Search:
 
     def _keep_better(self, starts: list[ModelFit], stage: str) -> None:
         """Refines starts, and keeps those that end below the known fits of their models."""
-        tried = model_fit.refine(self._evaluate, self._layout, self._split, starts, stage=stage)
+        tried = model_fit.refine_fits(
+            self._evaluate, self._layout, self._split, starts, stage=stage
+        )
         known = self._known.fits
         better = [
             each
@@ -346,12 +352,12 @@ class _Search:
         quadratic = self._known.quadratic(best_so_far)
         effects = self._layout.effects
         if size == 2:
-            models = [model_of(pair) for pair in combinations(effects, 2)]
+            models = [with_effects(pair) for pair in combinations(effects, 2)]
         else:
             rest = [effect for effect in effects if effect not in best_so_far]
-            models = [model_of([*best_so_far, new]) for new in rest]
+            models = [with_effects([*best_so_far, new]) for new in rest]
             models += [
-                model_of([*kept, new])
+                with_effects([*kept, new])
                 for kept in combinations(best_so_far, len(best_so_far) - 1)
                 for new in rest
             ]

@@ -100,6 +100,6 @@ def _first_step(candidate: Candidate, index: int) -> float:
     return 0.5 * min(sizes)
 
 
-def model_of(effects: Iterable[str]) -> ModelEffects:
+def with_effects(effects: Iterable[str]) -> ModelEffects:
     """The model with these effects."""
     return tuple(sorted(set(effects)))

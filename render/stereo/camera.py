@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from saltus.arrays import Images, Masks, Scalars
-from saltus.config import changed
+from saltus.config import with_changes
 from saltus.depth_camera import DepthCamera
 from saltus.effects.effect import Effect
 from saltus.effects.signals import DepthImage
@@ -66,7 +66,7 @@ class StereoConfig:
             ConfigError: it names an effect or a parameter that there is not, or a value out of
                 bounds.
         """
-        return IDEAL_STEREO if camera.ideal else changed(cls(), camera.stereo, "stereo.")
+        return IDEAL_STEREO if camera.ideal else with_changes(cls(), camera.stereo, "stereo.")
 
     @property
     def effects(self) -> tuple[Effect, ...]:

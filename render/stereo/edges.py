@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from saltus.arrays import Array, Images, Masks, namespace
-from saltus.effects.effect import PerRobot, like, parameter, per_image, setting
+from saltus.effects.effect import PerRobot, as_parameter_of, parameter, per_image, setting
 from saltus.effects.random_fields import mean_around, unit_uniform
 from saltus.render.stereo.image import StereoImage
 from saltus.render.stereo.random_effect import RandomStereoEffect
 
 
-def discontinuity(disparity: Images, jump: float) -> Masks:
+def beside_disparity_edge(disparity: Images, jump: float) -> Masks:
     """Samples next to a step of more than `jump` [px] in disparity,
     on both sides of it, bool, shape as `disparity`.
 
@@ -65,7 +65,9 @@ class StereoEdgeHoles(RandomStereoEffect, name="edge_holes"):
             math.ceil(self.reach / optics.pitch_y),
             math.ceil(self.reach / optics.pitch_x),
         )
-        near_edge = signal.windows.any_around(discontinuity(disparity, self.jump), rows, columns)
+        near_edge = signal.windows.any_around(
+            beside_disparity_edge(disparity, self.jump), rows, columns
+        )
         mean = mean_around(disparity, rows, columns)
         # samples that reach farther than `reach` make up for it by losing fewer
         excess = max(rows * optics.pitch_y, columns * optics.pitch_x) / self.reach
@@ -74,7 +76,11 @@ class StereoEdgeHoles(RandomStereoEffect, name="edge_holes"):
             np.asarray(self.fraction, dtype=np.float64) / max(1.0, excess), 1e-9, 1.0 - 1e-9
         )
         limit = ndtri(share)
-        threshold = float(limit) if limit.ndim == 0 else like(limit, disparity, xp)[..., None, None]
+        threshold = (
+            float(limit)
+            if limit.ndim == 0
+            else as_parameter_of(limit, disparity, xp)[..., None, None]
+        )
         lost = near_edge & (disparity < mean) & (draw < threshold)
         return replace(signal, valid=signal.valid & ~lost)
 
@@ -97,7 +103,7 @@ class FlyingPixels(RandomStereoEffect, name="flying_pixels"):
         scale = 1.0 / max(optics.pitch_x, optics.pitch_y)
         share = per_image(self.fraction, disparity, namespace(disparity)) * scale
         draw = unit_uniform(keys, signal.time_s, disparity.shape[-2:], disparity.dtype)
-        flies = discontinuity(signal.truth, self.jump) & (draw < share)
+        flies = beside_disparity_edge(signal.truth, self.jump) & (draw < share)
         low, high = signal.windows.range_around(disparity)
         # among those that fly, draw / share is uniform again; where the share is 0 none do
         between = low + (high - low) * (draw / (share + (share == 0.0)))

@@ -9,7 +9,12 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Indices
 from saltus.render.stereo.optics import BASELINE_M
-from saltus.render.stereo.static_scene import StaticScene, StereoEstimate, measured, untestable
+from saltus.render.stereo.static_scene import (
+    StaticScene,
+    StereoEstimate,
+    stereo_estimate,
+    untestable_estimate,
+)
 
 SELDOM = 0.05  # a shadow is invalid in every frame; noise at its border lets some through
 MIN_WIDTH = 3  # px: narrower ones may be holes at edges
@@ -51,17 +56,17 @@ def fit_baseline(scene: StaticScene) -> tuple[StereoEstimate, StereoEstimate]:
     bands, shadows = left_bands(scene), edge_shadows(scene)
     if len(shadows.width) < MIN_ROWS:
         if len(bands.width) < MIN_ROWS:
-            nothing = untestable(
+            nothing = untestable_estimate(
                 "no invalid band at the left of the image and no shadow beside a near edge"
             )
             return nothing, nothing
         note = "from the band at the left alone, taken to be f B / z wide"
-        return replace(_slope(bands, scene.fx), note=note), untestable(
+        return replace(_slope(bands, scene.fx), note=note), untestable_estimate(
             "no shadow tells band from margin"
         )
     baseline = _slope(shadows, scene.fx)
     if len(bands.width) < MIN_ROWS:
-        return baseline, untestable("no invalid band at the left of the image")
+        return baseline, untestable_estimate("no invalid band at the left of the image")
     margin = _margin(bands, scene.fx, baseline)
     if abs(margin.value or 0.0) < NO_MARGIN_PX:
         baseline = _slope(_joined(bands, shadows), scene.fx)
@@ -71,7 +76,7 @@ def fit_baseline(scene: StaticScene) -> tuple[StereoEstimate, StereoEstimate]:
 
 def _margin(bands: StereoShadows, fx: float, baseline: StereoEstimate) -> StereoEstimate:
     rest = fx * (baseline.value or 0.0) * bands.step - bands.width
-    return measured(
+    return stereo_estimate(
         float(np.median(rest)), max(ROUNDING_PX, 1.25 * float(np.std(rest)) / len(rest) ** 0.5)
     )
 
@@ -95,7 +100,7 @@ def _slope(shadows: StereoShadows, fx: float) -> StereoEstimate:
         value = float(np.sum(shadows.width[fits]) / (fx * np.sum(shadows.step[fits])))
     mean_width = float(np.mean(shadows.width[fits]))
     spread = 1.4826 * float(np.median(residual[fits])) / (np.sum(fits) / ROWS_ALIKE) ** 0.5
-    return measured(value, value * float(np.hypot(ROUNDING_PX, spread)) / mean_width)
+    return stereo_estimate(value, value * float(np.hypot(ROUNDING_PX, spread)) / mean_width)
 
 
 def left_bands(scene: StaticScene) -> StereoShadows:

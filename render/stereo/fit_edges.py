@@ -7,7 +7,12 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.render.stereo.edges import StereoEdgeHoles
-from saltus.render.stereo.static_scene import StaticScene, StereoEstimate, measured, untestable
+from saltus.render.stereo.static_scene import (
+    StaticScene,
+    StereoEstimate,
+    stereo_estimate,
+    untestable_estimate,
+)
 
 MIN_STEP_PX = 2.0  # of nominal disparity: an edge
 SAME_PX = 1.0  # of nominal disparity: one surface
@@ -56,7 +61,7 @@ def hole_fraction(curves: EdgeCurves) -> StereoEstimate:
     on the side that has no shadow.
     """
     if curves.edges < MIN_EDGES:
-        return untestable(
+        return untestable_estimate(
             f"{curves.edges} rows with a clean right edge of something near: {MIN_EDGES} are needed"
         )
     inside = (curves.distance_px > 0) & (curves.distance_px <= REACH_PX)
@@ -64,7 +69,7 @@ def hole_fraction(curves: EdgeCurves) -> StereoEstimate:
     value = float(np.mean(curves.invalid[inside])) - background
     # pixels that are touched in part stand for fewer: see EdgeHoles
     value *= REACH_PX / StereoEdgeHoles().reach
-    return measured(
+    return stereo_estimate(
         max(0.0, value), float(np.sqrt(max(value * (1.0 - value), 1e-4) / curves.edges))
     )
 
@@ -73,7 +78,7 @@ def flying_fraction(scene: StaticScene, sigma_inverse: float) -> StereoEstimate:
     """Share of the pixels beside an edge that lie between both sides."""
     rows, columns = _right_edges(scene)
     if len(rows) < MIN_EDGES:
-        return untestable(
+        return untestable_estimate(
             f"{len(rows)} rows with a clean right edge of something near: {MIN_EDGES} are needed"
         )
     near, far = scene.median[rows, columns - 2], scene.median[rows, columns + 1]
@@ -88,7 +93,7 @@ def flying_fraction(scene: StaticScene, sigma_inverse: float) -> StereoEstimate:
         seen += int(np.sum(valid))
     lost_at_ends = np.mean(np.clip(2.0 * FLYING_SIGMAS * sigma_inverse / (near - far), 0.0, 0.9))
     value = flying / max(seen, 1) / (1.0 - float(lost_at_ends))
-    return measured(value, float(np.sqrt(max(value, 1e-3) / max(seen, 1))))
+    return stereo_estimate(value, float(np.sqrt(max(value, 1e-3) / max(seen, 1))))
 
 
 def _right_edges(scene: StaticScene) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

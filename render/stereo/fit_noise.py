@@ -9,7 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Reals
-from saltus.render.stereo.static_scene import StaticScene, StereoEstimate, measured, untestable
+from saltus.render.stereo.static_scene import (
+    StaticScene,
+    StereoEstimate,
+    stereo_estimate,
+    untestable_estimate,
+)
 
 MIN_FRAMES = 10  # for a variance over time
 MIN_PIXELS = 200
@@ -85,7 +90,7 @@ def sigma_inverse(
     """
     variance = curves.variance_inverse - (step_inverse.value or 0.0) ** 2 / 12.0
     if variance <= 0.0:
-        return untestable("the noise is below the disparity step")
+        return untestable_estimate("the noise is below the disparity step")
     value = math.sqrt(variance)
     # independent values: patches of the image, and frames as far apart as the noise remembers
     memory = (1.0 + curves.sequential) / max(1e-3, 1.0 - curves.sequential)
@@ -93,10 +98,10 @@ def sigma_inverse(
     # rounding to so coarse a unit is not even: its share of the variance may be off by as much as
     # itself
     uneven = 0.5 * curves.unit_variance / variance
-    return measured(value, value * math.hypot(1.0 / math.sqrt(2.0 * independent), uneven))
+    return stereo_estimate(value, value * math.hypot(1.0 / math.sqrt(2.0 * independent), uneven))
 
 
-def persistence(
+def noise_persistence(
     curves: NoiseCurves, scene: StaticScene, step_inverse: StereoEstimate
 ) -> StereoEstimate:
     """Time in which the noise falls to 1/e [s]."""
@@ -112,12 +117,12 @@ def persistence(
             if kept <= 0.02
             else "longer than the recording can show"
         )
-        return untestable(
+        return untestable_estimate(
             f"neighbouring frames correlate by {kept:.2f}: the memory of the noise is {side}"
         )
     value = -scene.period_s / math.log(kept)
     error = 1.0 / math.sqrt(scene.frames * max(1.0, float(np.sum(scene.surface)) / CORRELATED_PX))
-    return measured(value, value * error / (kept * abs(math.log(kept))))
+    return stereo_estimate(value, value * error / (kept * abs(math.log(kept))))
 
 
 def correlation_px(curves: NoiseCurves, step_inverse: StereoEstimate) -> StereoEstimate:
@@ -128,14 +133,14 @@ def correlation_px(curves: NoiseCurves, step_inverse: StereoEstimate) -> StereoE
     below = np.flatnonzero(correlation < math.exp(-1.0))
     below = below[below > 0]
     if not below.size:
-        return untestable(
+        return untestable_estimate(
             f"the noise is correlated over more than {len(correlation) - 1} pixels, or surfaces "
             "are small"
         )
     k = int(below[0])
     before = 1.0 if k == 1 else float(correlation[k - 1])
     share = (before - math.exp(-1.0)) / (before - float(correlation[k]))
-    return measured(k - 1 + share, 0.5)
+    return stereo_estimate(k - 1 + share, 0.5)
 
 
 def _autocovariance(residual: Floats) -> Floats:
@@ -203,8 +208,8 @@ def _against_range(values: Floats, correction: float) -> tuple[Floats, Floats]:
 def range_exponent(curves: NoiseCurves) -> StereoEstimate:
     """Exponent of the growth of the noise with range; 2 for stereo."""
     if len(curves.range_m) < 2 or curves.range_m[-1] < ONE_RANGE * curves.range_m[0]:
-        return untestable("all surfaces are at one range")
+        return untestable_estimate("all surfaces are at one range")
     slope, covariance = np.polyfit(
         np.log(curves.range_m), np.log(curves.sigma_m), 1, cov="unscaled"
     )
-    return measured(float(slope[0]), 0.05 * math.sqrt(float(covariance[0, 0])))
+    return stereo_estimate(float(slope[0]), 0.05 * math.sqrt(float(covariance[0, 0])))

@@ -3,7 +3,12 @@
 import numpy as np
 
 from saltus.arrays import Floats
-from saltus.render.stereo.static_scene import StaticScene, StereoEstimate, measured, untestable
+from saltus.render.stereo.static_scene import (
+    StaticScene,
+    StereoEstimate,
+    stereo_estimate,
+    untestable_estimate,
+)
 
 BINS = 1 << 18
 SAMPLES = 2_000_000  # inverse depths that are looked at
@@ -37,7 +42,7 @@ def fit_step(scene: StaticScene, sigma_inverse: float) -> StereoEstimate:
     `sigma_inverse` is its noise [1/m].
     """
     if not np.any(scene.surface):
-        return untestable("no surface away from edges is valid throughout")
+        return untestable_estimate("no surface away from edges is valid throughout")
     stride = max(1, scene.frames * int(np.sum(scene.surface)) // SAMPLES)
     values = scene.inverse[:, scene.surface][::stride].ravel().astype(np.float64)
     lines = np.array(
@@ -53,13 +58,13 @@ def fit_step(scene: StaticScene, sigma_inverse: float) -> StereoEstimate:
         or np.sum(chosen) < MIN_CUTS
         or np.max(lines[chosen, 0]) < CLEAR
     ):
-        return untestable(
+        return untestable_estimate(
             "no comb in the inverse depths: surfaces are so near that the depth unit hides the "
             "step, or the noise is "
             "below the step"
         )
     _, frequency, resolution = max(lines[chosen], key=lambda line: float(line[0]))
-    return measured(1.0 / float(frequency), float(resolution) / float(frequency) ** 2)
+    return stereo_estimate(1.0 / float(frequency), float(resolution) / float(frequency) ** 2)
 
 
 def _strongest_line(

@@ -9,7 +9,7 @@ import numpy as np
 
 from saltus.arrays import Array, Images, namespace
 from saltus.effects.effect import Effect, PerRobot, parameter, per_image, setting
-from saltus.effects.random_fields import draw_keys, gaussian, samples, unit_uniform
+from saltus.effects.random_fields import draw_keys, gaussian_field, samples_across, unit_uniform
 from saltus.render.single_image import SingleImageEffect
 from saltus.render.stereo.image import StereoImage
 from saltus.render.stereo.random_effect import RandomStereoEffect
@@ -195,7 +195,7 @@ class DisparityNoise(Effect[StereoImage], name="disparity_noise", site="depth"):
         keys, last_s, last = state
         xp, optics, disparity = namespace(signal.disparity), signal.optics, signal.disparity
         window = self.window(optics.pitch_y), self.window(optics.pitch_x)
-        noise = gaussian(keys, signal.time_s, disparity.shape[-2:], window, disparity.dtype)
+        noise = gaussian_field(keys, signal.time_s, disparity.shape[-2:], window, disparity.dtype)
         if last is not None and self.persistence_s > 0.0:
             elapsed = signal.time_s - last_s
             kept = xp.exp(
@@ -217,7 +217,7 @@ class DisparityNoise(Effect[StereoImage], name="disparity_noise", site="depth"):
 
     def window(self, pitch: float) -> int:
         """Samples over which the noise is a moving average, at a pitch [px] between samples."""
-        return samples(self.correlation / (1.0 - math.exp(-1.0)), pitch)
+        return samples_across(self.correlation / (1.0 - math.exp(-1.0)), pitch)
 
     def _averaged(self, *pitches: float) -> float:
         """Noise where one sample stands for all pixels in its place: that of their average."""

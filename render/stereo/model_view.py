@@ -10,7 +10,7 @@ ROWS, COLUMNS = 3, 1
 sees ahead."""
 
 
-def pooled(depth: Images, rows: int, columns: int) -> Array:
+def pool_valid(depth: Images, rows: int, columns: int) -> Array:
     """Averages the valid samples of each pixel of the model.
 
     Args:

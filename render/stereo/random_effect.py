@@ -7,7 +7,7 @@ import numpy as np
 
 from saltus.arrays import Array, Images
 from saltus.effects.effect import Effect
-from saltus.effects.random_fields import draw_keys, gaussian, samples
+from saltus.effects.random_fields import draw_keys, gaussian_field, samples_across
 from saltus.render.stereo.image import StereoImage
 
 
@@ -33,5 +33,10 @@ class RandomStereoEffect(Effect[StereoImage], site="depth"):
         """Standard normal numbers that are alike within patches of that size [px],
         shape (..., height, width).
         """
-        window = samples(size, signal.optics.pitch_y), samples(size, signal.optics.pitch_x)
-        return gaussian(keys, signal.time_s, signal.truth.shape[-2:], window, signal.truth.dtype)
+        window = (
+            samples_across(size, signal.optics.pitch_y),
+            samples_across(size, signal.optics.pitch_x),
+        )
+        return gaussian_field(
+            keys, signal.time_s, signal.truth.shape[-2:], window, signal.truth.dtype
+        )

@@ -11,7 +11,7 @@ from scipy.ndimage import binary_dilation
 from saltus.arrays import Reals
 from saltus.depth import NOTHING
 from saltus.errors import RecordingError
-from saltus.render.stereo.edges import discontinuity
+from saltus.render.stereo.edges import beside_disparity_edge
 from saltus.render.stereo.optics import BASELINE_M
 from saltus.wire.messages import DepthFrame
 
@@ -37,12 +37,12 @@ class StereoEstimate:
         return self.value is not None
 
 
-def measured(value: float, error: float, note: str = "") -> StereoEstimate:
+def stereo_estimate(value: float, error: float, note: str = "") -> StereoEstimate:
     """A value with its standard error."""
     return StereoEstimate(value=float(value), error=float(error), note=note)
 
 
-def untestable(reason: str) -> StereoEstimate:
+def untestable_estimate(reason: str) -> StereoEstimate:
     """An estimate without a value, and why."""
     return StereoEstimate(note=reason)
 
@@ -177,7 +177,7 @@ def _summarised(
     median = np.take_along_axis(ordered, np.clip(middle, 0, len(inverse) - 1)[None], axis=0)[0]
     presence = count / len(inverse)
     # an invalid pixel counts as an edge: what lies behind it is not known
-    rough = discontinuity(median * np.float32(fx * BASELINE_M), EDGE_PX) | (presence < 0.5)
+    rough = beside_disparity_edge(median * np.float32(fx * BASELINE_M), EDGE_PX) | (presence < 0.5)
     near_edge = binary_dilation(rough, iterations=CLEAR_PX)
     return StaticScene(
         inverse=inverse,

@@ -7,12 +7,12 @@ from typing import Annotated
 
 import tyro
 
-from saltus.cli.checkout import checkout
+from saltus.cli.checkout import checkout_root
 from saltus.cli.output import print_figures, print_json
 from saltus.cli.parsing import parse
 from saltus.errors import SaltusError, check_known
-from saltus.extras import install
-from saltus.flags import shown
+from saltus.extras import install_command
+from saltus.flags import flag_help
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,14 +28,14 @@ class Bench:
       saltus bench qp -- --problems 200 --json
     """
 
-    name: Annotated[tyro.conf.Positional[str], shown("NAME", "none, list them")] = ""
+    name: Annotated[tyro.conf.Positional[str], flag_help("NAME", "none, list them")] = ""
     """Which benchmark."""
-    arguments: Annotated[tyro.conf.Positional[tuple[str, ...]], shown("...", "none")] = ()
+    arguments: Annotated[tyro.conf.Positional[tuple[str, ...]], flag_help("...", "none")] = ()
     """Flags of the benchmark, after its name or after --."""
 
     def run(self) -> int:
         """Lists or runs."""
-        folder = checkout("benchmarks/_command.py", "bench") / "benchmarks"
+        folder = checkout_root("benchmarks/_command.py", "bench") / "benchmarks"
         files = {path.stem: path for path in folder.glob("[!_]*.py")}
         files |= {path.parent.name: path for path in folder.glob("*/command.py")}
         if not self.name:
@@ -51,7 +51,8 @@ class Bench:
         except ModuleNotFoundError as error:
             needed = f"the package '{error.name}', which is not installed"
             raise SaltusError(
-                f"benchmark '{self.name}' needs {needed}: {install('train')}, or what {file} says"
+                f"benchmark '{self.name}' needs {needed}: {install_command('train')}, or "
+                f"what {file} says"
             ) from error
 
     def _measure(self, module: str) -> int:

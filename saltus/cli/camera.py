@@ -10,7 +10,7 @@ import tyro
 
 from saltus.cli.output import JsonOption, print_figures, run_directory
 from saltus.cli.run_options import CourseOptions, RobotOption, SizedCourse, mounted_camera
-from saltus.flags import CommandGroup, Subcommands, shown
+from saltus.flags import CommandGroup, Subcommands, flag_help
 from saltus.grid import DEFAULT_GRID, load_grid
 from saltus.robots.loading import load_robot
 
@@ -29,7 +29,7 @@ class Show(RobotOption, JsonOption):
     camera: tyro.conf.Positional[str] = "d435i"
     """Name, ideal or d435i, or a TOML file."""
     course: CourseOptions = field(default_factory=SizedCourse)
-    out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-camera")] = None
+    out: Annotated[Path | None, flag_help("PATH", "a new one, runs/DATE-camera")] = None
     """Folder for camera.html, and for camera.toml, which says all of it."""
 
     def run(self) -> int:
@@ -89,19 +89,19 @@ class Mount(RobotOption):
 
     camera: tyro.conf.Positional[str] = "d435i"
     """Name, or a TOML file that says where the camera sits."""
-    out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-camera-mount")] = None
+    out: Annotated[Path | None, flag_help("PATH", "a new one, runs/DATE-camera-mount")] = None
     """Folder for both files."""
 
     def run(self) -> int:
         """Writes both and says where the camera's lens will be; 0."""
         from saltus.render.bracket import MM, Bracket
-        from saltus.render.bracket_drawing import drawing
+        from saltus.render.bracket_drawing import bracket_svg
 
         _, robot = mounted_camera(self.camera, load_robot(self.robot))
         bracket = Bracket(robot=robot)
         folder = run_directory("camera-mount", self.out)
         bracket.mesh().export(folder / "bracket.stl")
-        (folder / "bracket.svg").write_text(drawing(bracket), encoding="utf-8")
+        (folder / "bracket.svg").write_text(bracket_svg(bracket), encoding="utf-8")
         ahead, _, above = MM * robot.camera_position
         print(
             f"left imager {ahead - bracket.front:.1f} mm ahead of the trunk's front and "

@@ -19,21 +19,21 @@ def camera_checks(path: Path) -> "list[PreflightCheck]":
     """Place and lateness of the camera that took a recording."""
     from saltus.controller.robot.unitree.listening import PreflightCheck
     from saltus.recordings.recording import read_recording
-    from saltus.render.calibrate import calibrate
-    from saltus.render.calibrate_plot import rows_of
-    from saltus.render.lateness import lateness
+    from saltus.render.calibrate import calibrate_camera
+    from saltus.render.calibrate_plot import place_rows
+    from saltus.render.lateness import measure_lateness
     from saltus.wire.messages import DepthFrame, RobotState
 
     found, passed, late, in_time = "not looked for", False, "not looked for", False
     try:
-        place = calibrate(path)
-        off = {row.name: (row.found - row.claimed, row.unit) for row in rows_of(place)}
+        place = calibrate_camera(path)
+        off = {row.name: (row.found - row.claimed, row.unit) for row in place_rows(place)}
         found = ", ".join(f"{name} {by:+.1f} {unit}" for name, (by, unit) in off.items())
         allowed = {"deg": OFF_DEG, "mm": OFF_MM}
         passed = all(abs(by) <= allowed[unit] for by, unit in off.values())
         recording = read_recording(path)
         frames, states = recording.of(DepthFrame), recording.of(RobotState)
-        late_ms = 1e3 * lateness(frames, states, recording.robot, place.found).late_s
+        late_ms = 1e3 * measure_lateness(frames, states, recording.robot, place.found).late_s
         late, in_time = f"{late_ms:+.0f} ms against their times", abs(late_ms) <= LATE_MS
     except RecordingError as error:
         if found == "not looked for":

@@ -9,7 +9,7 @@ SOURCE = Path(__file__).resolve().parents[2]
 """The checkout, where this is one."""
 
 
-def checkout(file: str, command: str) -> Path:
+def checkout_root(file: str, command: str) -> Path:
     """Root of the checkout that runs, or of the one around, where saltus is installed from a wheel.
 
     It is importable from then on, also by processes that are started.

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from saltus.cli.output import JsonOption, follow, print_json, run_directory
+from saltus.cli.output import JsonOption, poll_until_done, print_json, run_directory
 from saltus.cli.run_options import RunOptions
 from saltus.cli.watch import ask_for_viser, watching
 from saltus.config import Pace, RunConfig
@@ -62,20 +62,20 @@ class Demo(JsonOption, RunOptions):
 
     def _run(self, config: RunConfig, directory: Path) -> int:
         from saltus.recordings.recording import read_recording
-        from saltus.recordings.report import write_report
-        from saltus.recordings.summary import sentence, summarise
+        from saltus.recordings.report import write_run_report
+        from saltus.recordings.summary import run_sentence, summarise_run
 
         run_stack(config, directory)
         recording = read_recording(directory / "recording.mcap")
-        summary = summarise(recording)
+        summary = summarise_run(recording)
         report = directory / "report.html"
         video = directory / "video.mp4" if self.video else None
         scan = self._scan(recording, directory / "scan.png") if self.scan else None
-        write_report(recording, summary, report, video, scan)
+        write_run_report(recording, summary, report, video, scan)
         if video is not None:
-            from saltus.cli.video import write_video
+            from saltus.cli.video import write_run_video
 
-            write_video(recording, video)
+            write_run_video(recording, video)
         table = asdict(summary) | {
             "recording": str(directory / "recording.mcap"),
             "report": str(report),
@@ -84,7 +84,7 @@ class Demo(JsonOption, RunOptions):
         if self.json:
             print_json(table)
         else:
-            print(sentence(summary))
+            print(run_sentence(summary))
             for name in ("recording", "report", "video"):
                 if table[name]:
                     print(f"{name:9} {table[name]}")
@@ -96,7 +96,7 @@ class Demo(JsonOption, RunOptions):
         from saltus.heightmap.evaluation.scan_replay import draw_scan, scan_errors
         from saltus.heightmap.service.scan_fleet import ScanChoice
         from saltus.recordings.report import ScanSection
-        from saltus.runtime.replay import body_of, replay
+        from saltus.runtime.replay import body_of, replay_process
 
         answers = list[Heightmap]()
 
@@ -105,7 +105,7 @@ class Demo(JsonOption, RunOptions):
                 answers.append(answer.message)
 
         body = partial(body_of("heightmap"), scan=ScanChoice(grid=SCAN))
-        replay("heightmap", recording, said, body=body)
+        replay_process("heightmap", recording, said, body=body)
         draw_scan(picture, recording, SCAN, answers)
         return ScanSection.of_figures(scan_errors(recording, SCAN, answers), picture)
 
@@ -130,7 +130,7 @@ def run_stack(config: RunConfig, directory: Path) -> None:
         ) as bar,
     ):
         truths = stack.latest("plant/truth")
-        for _ in follow(stack):
+        for _ in poll_until_done(stack):
             sample = truths.take()
             if sample is not None and isinstance(sample.message, GroundTruth):
                 x = min(

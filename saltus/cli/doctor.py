@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from saltus.cli.output import JsonOption, print_json
 from saltus.grid import DEFAULT_GRID, load_grid
-from saltus.provenance import commit, package_version
+from saltus.provenance import current_commit, package_version
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.used_networks import model_path
@@ -53,7 +53,9 @@ class Doctor(JsonOption):
         """Prints every finding; 0 where nothing that all commands need is wrong, else 1."""
         findings = [*_versions(), *_attempts()]
         if self.json:
-            print_json({"commit": commit(), "findings": [asdict(finding) for finding in findings]})
+            print_json(
+                {"commit": current_commit(), "findings": [asdict(finding) for finding in findings]}
+            )
         else:
             for finding in findings:
                 word = "ok" if finding.ok else "-" if finding.optional else "FAIL"
@@ -70,7 +72,7 @@ def _versions() -> list[CheckResult]:
         detail=platform.python_version(),
         cure="use Python 3.11 or 3.12",
     )
-    findings = [CheckResult(name="saltus", ok=True, detail=commit()), python]
+    findings = [CheckResult(name="saltus", ok=True, detail=current_commit()), python]
     for name, extra in _packages().items():
         found = package_version(name)
         missing = "optional, not installed" if extra else "not installed"

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from saltus.cli.serve import serve
+from saltus.cli.serve import serve_module
 from saltus.errors import ConfigError
-from saltus.flags import EndpointOption, Flag, shown
+from saltus.flags import EndpointOption, Flag, flag_help
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,15 +26,15 @@ class Drive(EndpointOption):
 
     run_dir: Path
     """Folder of the run: of `saltus up` or `saltus router`."""
-    script: Annotated[Path | None, shown("PATH", "none")] = None
+    script: Annotated[Path | None, flag_help("PATH", "none")] = None
     """Commands by the time since this began."""
-    goals: Annotated[tuple[str, ...], shown("X,Y", "none")] = ()
+    goals: Annotated[tuple[str, ...], flag_help("X,Y", "none")] = ()
     """Places to walk to, ahead of the robot and to its left as it stands now [m], by its own
     odometry. One behind it needs a space before its sign: " -1,0"."""
     keys: Flag = False
     """Drive by the keys of this terminal: w s ahead and back, a d turn, q e aside, space stand, j
     jump, l lie down."""
-    gamepad: Annotated[Path | None, shown("PATH", "none")] = None
+    gamepad: Annotated[Path | None, flag_help("PATH", "none")] = None
     """Drive by a gamepad, e.g. /dev/input/js0: left stick ahead, back and aside, right stick turn, A
     stand, B jump, Y lie down. The robot stands where the gamepad is gone."""
     speed_mps: float = 0.6
@@ -54,9 +54,9 @@ class Drive(EndpointOption):
                 raise ConfigError("--keys needs a terminal: give --script FILE.csv")
             more = ["--keys"]
         elif self.gamepad is not None:
-            from saltus.drive.gamepad import opened
+            from saltus.drive.gamepad import open_gamepad
 
-            with opened(self.gamepad):
+            with open_gamepad(self.gamepad):
                 more = ["--gamepad", str(self.gamepad)]
         elif self.script is not None:
             from saltus.drive.script import WishScript
@@ -69,7 +69,7 @@ class Drive(EndpointOption):
             speeds = ["--speed-mps", str(self.speed_mps), "--turn-rps", str(self.turn_rps)]
             # With a space before it a goal that begins with a minus is not taken for a flag
             more = [*speeds, "--goals", *(f" {goal}" for goal in self.goals)]
-        return serve("saltus.drive", self.run_dir, self.endpoint, *more, peer=False)
+        return serve_module("saltus.drive", self.run_dir, self.endpoint, *more, peer=False)
 
 
 def _check_goal(text: str) -> None:

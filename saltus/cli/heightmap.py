@@ -17,10 +17,10 @@ from saltus.cli.heightmap_data import CollectCommands, Dagger, DatasetCommands
 from saltus.cli.heightmap_measures import Check, Eval, Report
 from saltus.cli.heightmap_train import Export, Train
 from saltus.cli.scan_options import ScanOptions
-from saltus.cli.serve import serve
+from saltus.cli.serve import serve_module
 from saltus.config import RunConfig
 from saltus.errors import ConfigError, RecordingError, SaltusError
-from saltus.flags import CommandGroup, Flag, Subcommands, shown
+from saltus.flags import CommandGroup, Flag, Subcommands, flag_help
 from saltus.heightmap.level_robot import LevelRobot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.wire import codec
@@ -52,17 +52,19 @@ class Serve(ScanOptions):
 
     endpoint: Annotated[
         str | None,
-        shown(
+        flag_help(
             "STR",
             "the one that the folder names; with --recording and no folder a router of its own",
         ),
     ] = None
     """Zenoh router, e.g. tcp/127.0.0.1:7447."""
-    run_dir: Annotated[Path | None, shown("PATH", "none, which --recording alone allows")] = None
+    run_dir: Annotated[Path | None, flag_help("PATH", "none, which --recording alone allows")] = (
+        None
+    )
     """Folder of the run: of `saltus up` or `saltus router`."""
-    model: Annotated[Path | None, shown("PATH", "the shipped network")] = None
+    model: Annotated[Path | None, flag_help("PATH", "the shipped network")] = None
     """With a grid: ONNX file of its network."""
-    recording: Annotated[Path | None, shown("PATH", "none: a running stack")] = None
+    recording: Annotated[Path | None, flag_help("PATH", "none: a running stack")] = None
     """With a grid a run (.mcap), else a RealSense recording (.bag, .db3) in place of a camera, with
     --assume-level."""
     assume_level: Flag = False
@@ -70,7 +72,7 @@ class Serve(ScanOptions):
     robot: str = DEFAULT_ROBOT
     """Robot of a RealSense recording: name, or path of an MJCF or of a folder with a robot.toml."""
     level: Annotated[LevelRobot, tyro.conf.arg(name="")] = field(default_factory=LevelRobot)
-    robots: Annotated[tuple[str, ...], shown("PREFIX [PREFIX ...]", "the one of run.toml")] = ()
+    robots: Annotated[tuple[str, ...], flag_help("PREFIX [PREFIX ...]", "the one of run.toml")] = ()
     """Prefixes of the robots to serve, e.g. robot/0 robot/1."""
     peer: Flag = False
     """Link to the robots directly; the router must be on this machine, not behind a tunnel."""
@@ -101,13 +103,13 @@ class Serve(ScanOptions):
         model = ["--model", str(self.model)] if self.model is not None else []
         beside = ["--beside"] if self.beside else []
         more = (*robots, *self.scan_flags, *model, *beside)
-        return serve("saltus.heightmap", self.run_dir, self.endpoint, *more, peer=self.peer)
+        return serve_module("saltus.heightmap", self.run_dir, self.endpoint, *more, peer=self.peer)
 
     def _serve_recording(self, recording: Path) -> int:
         """Publishes depth and heightmaps of a recording at its own pace, image by image."""
         from saltus.heightmap.service.network import HeightmapNetwork
         from saltus.recordings.realsense import read_realsense
-        from saltus.resources import resource
+        from saltus.resources import shipped_file
         from saltus.robots.loading import load_robot
 
         frames = read_realsense(recording)
@@ -116,7 +118,7 @@ class Serve(ScanOptions):
             raise RecordingError(f"{recording} holds no depth image")
         if not self.assume_level:
             raise RecordingError(f"{recording} has no robot state: add --assume-level")
-        network = HeightmapNetwork(load_robot(self.robot), resource("models/heightmap.onnx"))
+        network = HeightmapNetwork(load_robot(self.robot), shipped_file("models/heightmap.onnx"))
         with contextlib.ExitStack() as resources:
             self._publish(self._endpoint(resources), network, itertools.chain([first], frames))
         return 0
@@ -124,7 +126,7 @@ class Serve(ScanOptions):
     def _serve_run(self, path: Path, choice: "ScanChoice") -> int:
         """Publishes states, images and heights of a recorded run at its own pace."""
         from saltus.recordings.recording import read_recording
-        from saltus.runtime.replay import body_of, replay
+        from saltus.runtime.replay import body_of, replay_process
         from saltus.wire.zenoh_bus import ZenohBus
 
         recording = read_recording(path)
@@ -146,14 +148,14 @@ class Serve(ScanOptions):
                 time.sleep(max(0.0, due_s - time.monotonic()))
                 topic = topic_of(arrival.key)
                 assert topic is not None  # noqa: S101 - the service hears known topics
-                publish(arrival.key, codec.decode(topic.message, arrival.payload), topic)
+                publish(arrival.key, codec.decode_message(topic.message, arrival.payload), topic)
 
             def said(answer: "ReplayedMessage") -> None:
                 if isinstance(answer.message, Heightmap):
                     publish(answer.key, answer.message, TOPICS["heightmap/heightmap"])
 
             body = partial(body_of("heightmap"), scan=choice)
-            replay("heightmap", recording, said, heard=heard, body=body)
+            replay_process("heightmap", recording, said, heard=heard, body=body)
         return 0
 
     def _endpoint(self, resources: contextlib.ExitStack) -> str:
@@ -211,9 +213,9 @@ class Give:
 
     def run(self) -> int:
         """Checks the file, puts it where the service looks, and says what became of it."""
-        from saltus.heightmap.service.model_inbox import give, wait_for_answer
+        from saltus.heightmap.service.model_inbox import give_model, wait_for_answer
 
-        model_id = give(self.model, self.run_dir)
+        model_id = give_model(self.model, self.run_dir)
         print(f"model {model_id} is in {self.run_dir}: waiting for the service", file=sys.stderr)
         refusal = wait_for_answer(self.run_dir)
         print(f"model {model_id} is {f'refused: {refusal}' if refusal else 'accepted'}")

@@ -16,7 +16,7 @@ from saltus.cli.run_options import mounted_camera
 from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.extras import packages_of
-from saltus.flags import AT_LEAST_ONE, CommandGroup, Subcommands, shown
+from saltus.flags import AT_LEAST_ONE, CommandGroup, Subcommands, flag_help
 from saltus.grid import DEFAULT_GRID
 from saltus.heightmap.settings import (
     ClosedLoop,
@@ -41,7 +41,7 @@ DATASET = Path("runs/dataset")
 class WorkersOption:
     """Flags of a command that collects on processors."""
 
-    processes: Annotated[int | None, shown("INT", "one for each core")] = None
+    processes: Annotated[int | None, flag_help("INT", "one for each core")] = None
     """Number of processes that collect. The data do not depend on it."""
 
 
@@ -68,7 +68,7 @@ class OnProcessors(WorkersOption, SettingsCommand):
     def run(self) -> int:
         """Writes the shard; of one that is interrupted the batches that are whole."""
         with packages_of("train"):
-            from saltus.heightmap.collection import collect
+            from saltus.heightmap.collection import collect_shard
 
         profile = load_profile(self.settings.profile, load_robot(self.settings.loop.robot))
         if self.settings.model is not None:
@@ -81,7 +81,7 @@ class OnProcessors(WorkersOption, SettingsCommand):
             def done(steps: int) -> None:
                 progress.bar.set_postfix(steps=steps)
 
-            found = collect(
+            found = collect_shard(
                 self.settings,
                 self.out,
                 done,
@@ -113,13 +113,13 @@ class OnDevice(JsonOption, SettingsCommand):
             loop=DeviceLoop(robot=DEFAULT_ROBOT, grid=DEFAULT_GRID)
         )
     )
-    commit: Annotated[str | None, shown("STR", "as git says")] = None
+    commit: Annotated[str | None, flag_help("STR", "as git says")] = None
     """Which code collects, where this machine has no repository."""
 
     def run(self) -> int:
         """Writes the shards; of those that are interrupted the batches that are whole."""
         with packages_of("train"):
-            from saltus.heightmap.device_collection import collect
+            from saltus.heightmap.device_collection import collect_shards_on_device
 
         loop, speeds, robot = (
             self.settings.loop,
@@ -138,7 +138,9 @@ class OnDevice(JsonOption, SettingsCommand):
                 speeds.append(speed)
                 progress.bar.set_postfix(speed.table, crowded=f"{100 * crowded:.2f} %")
 
-            found = collect(self.settings, outputs, progress.tick, done, self.commit)
+            found = collect_shards_on_device(
+                self.settings, outputs, progress.tick, done, self.commit
+            )
         _tell(outputs.values(), found)
         self.tell_json(speeds[-1].table)
         return 0
@@ -212,10 +214,10 @@ class Dagger(WorkersOption, SettingsCommand):
     out: Path = Path("runs/dagger")
     """Folder of the run: dataset, and a predictor for each round."""
     start: Annotated[
-        Path | None, shown("PATH", "none: round 0 sees true heights and trains from nothing")
+        Path | None, flag_help("PATH", "none: round 0 sees true heights and trains from nothing")
     ] = None
     """Checkpoint of the predictor to begin with."""
-    base: Annotated[Path | None, shown("PATH", "none")] = None
+    base: Annotated[Path | None, flag_help("PATH", "none")] = None
     """Dataset to train on as well."""
     settings: Annotated[DaggerSettings, tyro.conf.arg(name="")] = field(
         default_factory=lambda: DaggerSettings(
@@ -226,7 +228,7 @@ class Dagger(WorkersOption, SettingsCommand):
     def run(self) -> int:
         """Runs to the end, with a progress bar for each half of a round."""
         with packages_of("train"):
-            from saltus.heightmap.training.dagger import Observer, dagger
+            from saltus.heightmap.training.dagger import Observer, run_dagger
 
         check_processes(self.processes)
         mounted_camera(self.settings.loop.camera, load_robot(self.settings.loop.robot))
@@ -246,7 +248,7 @@ class Dagger(WorkersOption, SettingsCommand):
                 half = "calibrate" if progress.calibrates else f"train, loss {progress.loss:.3f}"
                 bar.at(f"round {index} {half}", progress.update / self.settings.updates)
 
-            model = dagger(
+            model = run_dagger(
                 self.out, self.settings, Observer(collected=collected, trained=trained),
                 start=self.start,
                 base=self.base, processes=self.processes,
@@ -276,9 +278,9 @@ class Info(JsonOption):
 
     def run(self) -> int:
         """Prints a line for each shard."""
-        from saltus.heightmap.data.inventory import info
+        from saltus.heightmap.data.inventory import dataset_info
 
-        found = info(self.data)
+        found = dataset_info(self.data)
         if self.json:
             print_json(asdict(found))
             return 0
@@ -316,9 +318,9 @@ class Validate:
 
     def run(self) -> int:
         """0 where all is sound, else 1."""
-        from saltus.heightmap.data.inventory import validate
+        from saltus.heightmap.data.inventory import validate_dataset
 
-        damages = validate(self.data)
+        damages = validate_dataset(self.data)
         for damage in damages:
             print(damage)
         print(f"{self.data}: " + (f"{len(damages)} damaged" if damages else "sound"))
@@ -339,9 +341,9 @@ class Merge:
 
     def run(self) -> int:
         """Copies all shards."""
-        from saltus.heightmap.data.inventory import merge
+        from saltus.heightmap.data.inventory import merge_datasets
 
-        records = merge(self.data, self.out)
+        records = merge_datasets(self.data, self.out)
         print(f"{self.out}: {len(records)} shards, {sum(record.ticks for record in records)} ticks")
         return 0
 
@@ -363,12 +365,12 @@ class Export:
         """Writes all of it."""
         from tqdm import tqdm
 
-        from saltus.heightmap.data.export import export
+        from saltus.heightmap.data.export import export_dataset
         from saltus.heightmap.data.shards import read_records
 
         total = sum(record.ticks for record in read_records(self.data))
         with tqdm(total=total, unit="tick", desc="export", delay=QUIET_S) as bar:
-            found = export(self.data, self.out, bar.update)
+            found = export_dataset(self.data, self.out, bar.update)
         print(
             f"{self.out}: {found.episodes} episodes, {found.ticks} ticks on "
             f"{', '.join(found.terrains)}"

@@ -12,11 +12,11 @@ import tyro
 
 from saltus.cli.heightmap_train import QUIET_S
 from saltus.cli.output import JsonOption, run_directory, table_lines
-from saltus.cli.record import record
+from saltus.cli.record import record_stack
 from saltus.cli.run_options import ModelOptions, RobotOption, mounted_camera
 from saltus.config import check_between
 from saltus.errors import RecordingError, SaltusError
-from saltus.flags import AT_LEAST_ONE, EndpointOption, shown
+from saltus.flags import AT_LEAST_ONE, EndpointOption, flag_help
 from saltus.grid import DEFAULT_GRID
 from saltus.robots.loading import load_robot
 from saltus.used_networks import model_id, model_path
@@ -32,25 +32,29 @@ class Report(JsonOption):
 
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional, AT_LEAST_ONE]
     """Recorded runs (.mcap), whole or damaged, with ground truth or without."""
-    model: Annotated[tuple[str, ...], shown("MODEL [MODEL ...]", "none")] = ()
+    model: Annotated[tuple[str, ...], flag_help("MODEL [MODEL ...]", "none")] = ()
     """To compare, on the same depth: paths of ONNX files, "geometric" (deprojection), or
     "geometric-feet" (the same, its map held to the feet that stand)."""
-    out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-heightmap-report")] = None
+    out: Annotated[Path | None, flag_help("PATH", "a new one, runs/DATE-heightmap-report")] = None
     """Folder for report.html."""
 
     def run(self) -> int:
         """Writes report.html; prints what was lost and the errors of each predictor."""
         from saltus.errors import RecordingError, SaltusError
-        from saltus.heightmap.evaluation.report import centimetres, measure, write_report
+        from saltus.heightmap.evaluation.report import (
+            centimetres_text,
+            measure_errors,
+            write_error_report,
+        )
         from saltus.recordings.recording import read_recording
 
         if not self.recordings:
             raise RecordingError("no recording: name at least one .mcap file")
         if self.out is not None and self.out.suffix:
             raise SaltusError(f"--out {self.out}: name a folder; report.html is written into it")
-        report = measure([read_recording(path) for path in self.recordings], self.model)
+        report = measure_errors([read_recording(path) for path in self.recordings], self.model)
         path = run_directory("heightmap-report", self.out) / "report.html"
-        write_report(report, path)
+        write_error_report(report, path)
         numbers = report.numbers()
         for run in numbers["runs"]:
             for item in run["lost"]:
@@ -59,8 +63,8 @@ class Report(JsonOption):
             print(f"not compared: {reason}")
         for name, row in numbers["predictors"].items():
             print(
-                f"{name}: {centimetres(row['mae_m'])} cm, edges {centimetres(row['edge_error_m'])} "
-                "cm, "
+                f"{name}: {centimetres_text(row['mae_m'])} cm, "
+                f"edges {centimetres_text(row['edge_error_m'])} cm, "
                 f"90 % intervals cover {100 * row['coverage90']:.0f} %"
             )
         print(f"report    {path}")
@@ -83,10 +87,10 @@ class Check(EndpointOption, JsonOption):
     """
 
     recording: Annotated[
-        Path | None, tyro.conf.Positional, shown("PATH", "none: a running stack")
+        Path | None, tyro.conf.Positional, flag_help("PATH", "none: a running stack")
     ] = None
     """A recorded run (.mcap) in which the robot stands for a second or more."""
-    run_dir: Annotated[Path | None, shown("PATH", "none: a recording")] = None
+    run_dir: Annotated[Path | None, flag_help("PATH", "none: a recording")] = None
     """Folder of a running stack, with its run.toml."""
     seconds: float = 3.0
     """With --run-dir: how long to listen."""
@@ -111,7 +115,7 @@ class Check(EndpointOption, JsonOption):
                 print(f"listening for {self.seconds:g} s", flush=True)
                 return heard
 
-            record(self.run_dir, self.endpoint, begin, self.seconds)
+            record_stack(self.run_dir, self.endpoint, begin, self.seconds)
             try:
                 return self._judge(heard)
             except RecordingError as error:  # the file that it names is about to vanish
@@ -181,7 +185,7 @@ class Eval(RobotOption, ModelOptions, JsonOption):
     geometric, geometric-feet; none by --baselines alone."""
     time_limit_s: float = 10.0
     """Time limit of a run."""
-    processes: Annotated[int | None, shown("INT", "one for each core")] = None
+    processes: Annotated[int | None, flag_help("INT", "one for each core")] = None
     """How many share the runs. The numbers do not depend on it."""
 
     def run(self) -> int:
@@ -191,7 +195,7 @@ class Eval(RobotOption, ModelOptions, JsonOption):
         from saltus.heightmap.data.predicted import load_predictor
         from saltus.heightmap.evaluation.distance_travelled import way_warning
         from saltus.heightmap.evaluation.held_out import HeldOutRun, HeldOutRuns
-        from saltus.heightmap.evaluation.scores import scores
+        from saltus.heightmap.evaluation.scores import score_table
         from saltus.workers import in_order
 
         config = HeldOutRuns(
@@ -211,7 +215,7 @@ class Eval(RobotOption, ModelOptions, JsonOption):
             for batch in in_order(work, config.batches, self.processes, bar.update):
                 measured += batch
                 bar.set_postfix_str(f"{len(measured)} of {self.runs} runs")
-        table = scores(measured)
+        table = score_table(measured)
         warning = way_warning(table)
         _print_table(table, warning)
         self.tell_json(

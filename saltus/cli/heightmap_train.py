@@ -11,8 +11,8 @@ import tyro
 from saltus.config import load_changes
 from saltus.errors import SaltusError
 from saltus.extras import packages_of
-from saltus.flags import shown
-from saltus.folders import differences
+from saltus.flags import flag_help
+from saltus.folders import setting_differences
 from saltus.heightmap.settings import FIRST_RATE, FURTHER_RATE, PredictorTraining
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ class SettingsCommand:
     """
 
     settings: Any
-    config: Annotated[Path | None, shown("PATH", "none")] = None
+    config: Annotated[Path | None, flag_help("PATH", "none")] = None
     """TOML file with the settings that are to be other ones."""
 
     def last(self) -> Any:
@@ -54,7 +54,7 @@ class SettingsCommand:
         """Prints which settings are not those of the run that goes on, or not as by default."""
         last = self.last()
         what = "by default" if last is None else "of the run that goes on"
-        pairs = differences(asdict(last or self.usual()), asdict(self.settings))
+        pairs = setting_differences(asdict(last or self.usual()), asdict(self.settings))
         found = [f"{d.name} = {d.now} ({d.before})" for d in pairs]
         print(
             f"settings other than {what}: {', '.join(found)}" if found else f"settings as {what}",
@@ -81,7 +81,7 @@ class Train(SettingsCommand):
 
     One with another training is refused.
     """
-    start: Annotated[Path | None, shown("PATH", "none: from nothing")] = None
+    start: Annotated[Path | None, flag_help("PATH", "none: from nothing")] = None
     """Begin with the network of another checkpoint, at half the rate."""
     settings: Annotated[PredictorTraining, tyro.conf.arg(name="")] = field(
         default_factory=PredictorTraining
@@ -92,9 +92,9 @@ class Train(SettingsCommand):
         if not (self.out / CHECKPOINT).exists():
             return None
         with packages_of("train"):
-            from saltus.heightmap.training.train import settings_of
+            from saltus.heightmap.training.train import checkpoint_settings
 
-        return settings_of(self.out / CHECKPOINT)
+        return checkpoint_settings(self.out / CHECKPOINT)
 
     def usual(self) -> PredictorTraining:
         """A lower rate for a network that already predicts."""
@@ -105,7 +105,7 @@ class Train(SettingsCommand):
         from tqdm import tqdm
 
         with packages_of("train"):
-            from saltus.heightmap.training.train import train
+            from saltus.heightmap.training.train import train_heightmap
 
         checkpoint, announce = self.out / CHECKPOINT, cache(self.print_differences)
         with tqdm(total=self.settings.updates, unit="update", desc="train", delay=QUIET_S) as bar:
@@ -119,7 +119,7 @@ class Train(SettingsCommand):
 
             written = _written_ns(checkpoint)
             try:
-                train(self.data, checkpoint, self.settings, show, start=self.start)
+                train_heightmap(self.data, checkpoint, self.settings, show, start=self.start)
             except KeyboardInterrupt:
                 bar.close()
                 kept = (
@@ -155,7 +155,7 @@ class Export:
     """Folder for heightmap.onnx, its checksum and its card."""
     unseen: Annotated[
         Path | None,
-        shown("PATH", "of the tenth of --data that training held out up to 300 episodes"),
+        flag_help("PATH", "of the tenth of --data that training held out up to 300 episodes"),
     ] = None
     """Dataset to measure on, of which nothing was trained on.
 
@@ -165,7 +165,7 @@ class Export:
     def run(self) -> int:
         """Writes the files and prints what was measured."""
         with packages_of("train"):
-            from saltus.heightmap.training.release import card_path, release
+            from saltus.heightmap.training.release import card_path, release_model
 
         if self.out.suffix:
             raise SaltusError(f"--out {self.out}: name a folder; {MODEL} is written into it")
@@ -173,7 +173,7 @@ class Export:
         begun = partial(
             print, "exporting and measuring; a minute for 100 episodes", file=sys.stderr
         )
-        result = release(self.checkpoint, self.data, model, self.unseen, begun)
+        result = release_model(self.checkpoint, self.data, model, self.unseen, begun)
         print(f"{model}  model {result.model_id}, warm after {result.warmup_frames} images")
         clean = result.clean
         print(

@@ -32,9 +32,9 @@ class Init(_KeysOption):
 
     def run(self) -> int:
         """Writes the folder; 0."""
-        from saltus.wire.certificates import create
+        from saltus.wire.certificates import create_authority
 
-        create(self.keys, self.address, self.days)
+        create_authority(self.keys, self.address, self.days)
         print(
             f"an authority in {self.keys}, and a router's certificate for {self.address}, "
             f"{self.days} days"
@@ -65,9 +65,9 @@ class Issue(_KeysOption):
 
     def run(self) -> int:
         """Writes the file; 0."""
-        from saltus.wire.certificates import issue
+        from saltus.wire.certificates import issue_certificate
 
-        path = issue(self.keys, self.role, self.days)
+        path = issue_certificate(self.keys, self.role, self.days)
         print(
             f"{path}: give it to its holder alone, who has it as client.json5 in the folder of the "
             "run"
@@ -89,9 +89,9 @@ class Revoke(_KeysOption):
 
     def run(self) -> int:
         """Changes the list; 0."""
-        from saltus.wire.certificates import revoke
+        from saltus.wire.certificates import revoke_certificate
 
-        revoke(self.keys, self.name)
+        revoke_certificate(self.keys, self.name)
         print(f"{self.name} may do nothing at a router that starts from now on: start yours anew")
         return 0
 
@@ -107,9 +107,9 @@ class List(_KeysOption, JsonOption):
         """Prints; 0."""
         from dataclasses import asdict
 
-        from saltus.wire.certificates import load
+        from saltus.wire.certificates import load_authority
 
-        known = load(self.keys)
+        known = load_authority(self.keys)
         if self.json:
             print_json(
                 {"address": known.address, "issued": [asdict(each) for each in known.issued]}

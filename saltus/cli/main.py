@@ -93,9 +93,9 @@ def _run(arguments: Sequence[str]) -> int:
     try:
         _ask_for_mujoco_gl()
         if list(arguments) == ["--version"]:
-            from saltus.provenance import commit, package_version
+            from saltus.provenance import current_commit, package_version
 
-            print(f"saltus {package_version('saltus')} ({commit()})")
+            print(f"saltus {package_version('saltus')} ({current_commit()})")
             return 0
         if arguments[:1] == ["--completion"]:
             from saltus.cli.completion import completion_script

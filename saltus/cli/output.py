@@ -30,7 +30,7 @@ def run_directory(command: str, out: Path | None) -> Path:
     return path
 
 
-def follow(stack: "Stack") -> Iterator[None]:
+def poll_until_done(stack: "Stack") -> Iterator[None]:
     """Yields five times a second until the run is over.
 
     Says on stderr, once, that the computer does not keep up.
@@ -90,7 +90,7 @@ class Bar:
 
 def print_json(table: Mapping[str, object]) -> None:
     """Prints one JSON object on one line; numbers that are not finite become null."""
-    print(json.dumps(finite(table)), flush=True)
+    print(json.dumps(without_infinities(table)), flush=True)
 
 
 def print_figures(figures: Mapping[str, object], indent: str = "") -> None:
@@ -111,14 +111,14 @@ def print_figures(figures: Mapping[str, object], indent: str = "") -> None:
             print(f"{indent}{name:{width}}  {_cell(value)}")
 
 
-def finite(value: object) -> Any:
+def without_infinities(value: object) -> Any:
     """`value` with NaN and infinities replaced by None, which JSON can say."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):
-        return {key: finite(item) for key, item in value.items()}
+        return {key: without_infinities(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [finite(item) for item in value]
+        return [without_infinities(item) for item in value]
     return value
 
 

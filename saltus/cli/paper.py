@@ -6,9 +6,9 @@ from typing import Annotated
 
 import tyro
 
-from saltus.cli.checkout import checkout
+from saltus.cli.checkout import checkout_root
 from saltus.cli.parsing import parse
-from saltus.flags import Runnable, shown
+from saltus.flags import Runnable, flag_help
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,7 +20,7 @@ class PaperCommand:
     """
 
     arguments: Annotated[
-        tyro.conf.Positional[tuple[str, ...]], shown("...", "none, list them")
+        tyro.conf.Positional[tuple[str, ...]], flag_help("...", "none, list them")
     ] = ()
     """Name of the command of the paper, and its flags."""
 
@@ -34,7 +34,7 @@ class PaperCommand:
         Raises:
             SaltusError: this is no checkout, or it takes other arguments.
         """
-        checkout("paper/command.py", "paper")
+        checkout_root("paper/command.py", "paper")
         command: Runnable = parse(
             import_module("paper.command").Paper,
             self.arguments,

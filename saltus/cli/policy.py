@@ -23,7 +23,7 @@ from saltus.cli.serve import ServeProcess
 from saltus.config import PlannerName
 from saltus.errors import ConfigError, SaltusError
 from saltus.extras import packages_of
-from saltus.flags import CommandGroup, Subcommands, shown
+from saltus.flags import CommandGroup, Subcommands, flag_help
 from saltus.folders import new_folder
 from saltus.grid import DEFAULT_GRID, load_grid
 from saltus.policy.walking import command
@@ -64,7 +64,9 @@ class Eval(ModelOptions, HardwareOptions, RobotOption, JsonOption):
 
     Or a TOML file.
     """
-    friction: Annotated[float | None, shown("FLOAT", "drawn by each trial from 0.5 to 1")] = None
+    friction: Annotated[float | None, flag_help("FLOAT", "drawn by each trial from 0.5 to 1")] = (
+        None
+    )
     """Friction of the ground in all trials."""
     push_ns: float = 0.0
     """Impulse of one push from the side in each trial, for 0.1 s at a place of the course that its
@@ -72,11 +74,11 @@ class Eval(ModelOptions, HardwareOptions, RobotOption, JsonOption):
     plan_delay_s: float = 0.0
     """From a state to its plan being obeyed, in steps of 2 ms: what the computer of a real robot
     takes."""
-    processes: Annotated[int | None, shown("INT", "one for each core")] = None
+    processes: Annotated[int | None, flag_help("INT", "one for each core")] = None
     """How many run at once."""
     report: bool = True
     """Write an HTML report."""
-    out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-policy-eval")] = None
+    out: Annotated[Path | None, flag_help("PATH", "a new one, runs/DATE-policy-eval")] = None
     """Folder for the report."""
 
     def run(self) -> int:
@@ -84,7 +86,11 @@ class Eval(ModelOptions, HardwareOptions, RobotOption, JsonOption):
         from tqdm import tqdm
 
         from saltus.effects.heightmap_shift import refuse_shift
-        from saltus.policy.evaluation.evaluate import EvaluationSettings, evaluate, merged
+        from saltus.policy.evaluation.evaluate import (
+            EvaluationSettings,
+            evaluate_policy,
+            merge_batches,
+        )
         from saltus.policy.planner import make_planner
 
         planner = partial(make_planner, self.planner, model=self.policy_model)
@@ -110,7 +116,9 @@ class Eval(ModelOptions, HardwareOptions, RobotOption, JsonOption):
         heights = self._heights()
         directory = run_directory("policy-eval", self.out) if self.report else None
         with tqdm(total=self.trials, desc="eval", bar_format=BAR, file=sys.stderr) as bar:
-            result = merged(evaluate(evaluation, heights, planner, self.processes, bar.update))
+            result = merge_batches(
+                evaluate_policy(evaluation, heights, planner, self.processes, bar.update)
+            )
         table = _as_table(self, result)
         _print_table(result, str(table["timed"]))
         if directory is not None:
@@ -153,18 +161,18 @@ class Export:
 
     checkpoint: Path
     """The checkpoint.pt of a training."""
-    out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-policy-export")] = None
+    out: Annotated[Path | None, flag_help("PATH", "a new one, runs/DATE-policy-export")] = None
     """Folder for policy.onnx and its checksum."""
 
     def run(self) -> int:
         """Writes the file; 0 where it equals the checkpoint's network, else 1."""
         with packages_of("train", "exporting"):
-            from saltus.policy.training.export import export
+            from saltus.policy.training.export import export_policy
         folder = self.out or new_folder("policy-export")
         if folder.suffix == ".onnx":
             raise SaltusError(f"--out {folder}: name a folder; policy.onnx is written into it")
         model = folder / "policy.onnx"
-        difference = export(self.checkpoint, model)
+        difference = export_policy(self.checkpoint, model)
         print(f"{model}: differs from torch by at most {difference:.1e} of an action's range")
         return 0 if difference <= MAX_DIFFERENCE else 1
 

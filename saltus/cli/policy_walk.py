@@ -9,7 +9,7 @@ from saltus.cli.output import JsonOption, table_lines
 from saltus.cli.run_options import RobotOption, mounted_camera
 from saltus.config import check_between
 from saltus.errors import ConfigError
-from saltus.flags import shown
+from saltus.flags import flag_help
 from saltus.grid import WALKING_GRID
 from saltus.robots.loading import load_robot
 from saltus.used_networks import model_id, model_path, walking_path
@@ -48,21 +48,21 @@ class Trials(RobotOption, JsonOption):
       saltus policy walk trials --grounds --drills --jumps trench --askew-deg 30
     """
 
-    model: Annotated[Path | None, shown("PATH", "the shipped policy of the robot")] = None
+    model: Annotated[Path | None, flag_help("PATH", "the shipped policy of the robot")] = None
     """The policy: an ONNX file, or a TOML file about somebody else's."""
     grounds: tuple[str, ...] = ALL
     """Grounds to cross; none by --grounds alone."""
     drills: tuple[str, ...] = ("plain", "rubble")
     """Grounds of the drills; none by --drills alone."""
-    routes: Annotated[tuple[str, ...], shown("STR", "none")] = ()
+    routes: Annotated[tuple[str, ...], flag_help("STR", "none")] = ()
     """Routes over goals: landing (stairs round a corner), course (eight drawn parts), arena."""
-    stops: Annotated[tuple[str, ...], shown("STR", "none")] = ()
+    stops: Annotated[tuple[str, ...], flag_help("STR", "none")] = ()
     """Grounds to stop on."""
-    lines: Annotated[tuple[str, ...], shown("STR", "none")] = ()
+    lines: Annotated[tuple[str, ...], flag_help("STR", "none")] = ()
     """Grounds of the drills on which a line is to be reached."""
-    jumps: Annotated[tuple[str, ...], shown("STR", "none")] = ()
+    jumps: Annotated[tuple[str, ...], flag_help("STR", "none")] = ()
     """Grounds to jump over by the shipped jumping policy: plain, stairs, stones, trench."""
-    jump_stops: Annotated[tuple[str, ...], shown("STR", "none")] = ()
+    jump_stops: Annotated[tuple[str, ...], flag_help("STR", "none")] = ()
     """The same grounds to stop on while the robot jumps."""
     askew_deg: float = 0.0
     """Angle by which the grounds of --jumps lie askew."""
@@ -70,9 +70,9 @@ class Trials(RobotOption, JsonOption):
     """Angle by which a robot of --jumps is told to turn, to the left, as soon as it jumps."""
     push_ns: float = 0.0
     """One push sideways while a robot walks, of 0.1 s, at a drawn place and to a drawn side [Ns]."""
-    friction: Annotated[float | None, shown("FLOAT", "0.5 to 1.0, drawn")] = None
+    friction: Annotated[float | None, flag_help("FLOAT", "0.5 to 1.0, drawn")] = None
     """Friction between feet and ground."""
-    camera_late_s: Annotated[float | None, shown("FLOAT", "0.03 to 0.06, drawn")] = None
+    camera_late_s: Annotated[float | None, flag_help("FLOAT", "0.03 to 0.06, drawn")] = None
     """Time from exposure to arrival of images [s]; for predicted heights."""
     camera_blank_s: float = 0.0
     """The camera shows nothing for so long, once, at a drawn time [s]; for predicted heights."""
@@ -80,7 +80,7 @@ class Trials(RobotOption, JsonOption):
     """Share of the pixels of each image that are invalid; for predicted heights."""
     heights: tuple[Literal["true", "predicted"], ...] = ("true", "predicted")
     """true: the terrain as it is. predicted: what the scan's service makes of late depth images."""
-    heightmap_model: Annotated[Path | None, shown("PATH", "the shipped network")] = None
+    heightmap_model: Annotated[Path | None, flag_help("PATH", "the shipped network")] = None
     """ONNX file of the scan's network."""
     camera: str = "d435i"
     """Camera of predicted heights: d435i, ideal, or a TOML file."""
@@ -90,7 +90,7 @@ class Trials(RobotOption, JsonOption):
     """Trials of each ground."""
     seed: int = 0
     """Seed of the first trial; the others have SEED + 1, SEED + 2, ..."""
-    processes: Annotated[int | None, shown("INT", "one for each core")] = None
+    processes: Annotated[int | None, flag_help("INT", "one for each core")] = None
     """How many run at once. The results do not depend on it."""
 
     def run(self) -> int:
@@ -98,7 +98,7 @@ class Trials(RobotOption, JsonOption):
         from tqdm import tqdm
 
         from saltus.policy.evaluation.walking_conditions import WalkConditions
-        from saltus.policy.evaluation.walking_trials import ROWS, WalkTrials, run_tasks, tasks
+        from saltus.policy.evaluation.walking_trials import ROWS, WalkTrials, run_tasks, trial_tasks
 
         self._check()
         seeds = range(self.seed, self.seed + self.trials)
@@ -115,7 +115,7 @@ class Trials(RobotOption, JsonOption):
             for source in self.heights
             for kind, grounds in self._asked.items()
             for name in grounds
-            for task in tasks(kind, [name], self._height_source(source), seeds)
+            for task in trial_tasks(kind, [name], self._height_source(source), seeds)
         ]
         total = self.trials * len(self.heights) * sum(map(len, self._asked.values()))
         with tqdm(total=total, desc="trials", bar_format=BAR, file=sys.stderr) as bar:
@@ -132,7 +132,7 @@ class Trials(RobotOption, JsonOption):
         """Says at once what is wrong with a model, a ground or a number."""
         from saltus.grid import load_grid
         from saltus.heightmap.scan.predictor import ScanNetwork
-        from saltus.policy.evaluation.walking_trials import prepared
+        from saltus.policy.evaluation.walking_trials import prepare_trial
         from saltus.policy.joints.policy import JointPolicy
 
         check_between(self, trials=(1, 100_000), seed=(0, 2**32))
@@ -154,7 +154,7 @@ class Trials(RobotOption, JsonOption):
                 )
         for kind, names in self._asked.items():
             for name in names:
-                prepared(kind, name, self.seed, self._angles)
+                prepare_trial(kind, name, self.seed, self._angles)
         _, robot = mounted_camera(self.camera, load_robot(self.robot))
         policy = JointPolicy(self._policy)
         policy.refuse_other(robot)

@@ -11,10 +11,10 @@ import tyro
 from saltus.cli.heightmap_train import SettingsCommand
 from saltus.cli.output import Bar, JsonOption, print_json, run_directory
 from saltus.cli.run_options import RobotOption, mounted_camera
-from saltus.config import load
+from saltus.config import load_config
 from saltus.errors import ConfigError, RecordingError
 from saltus.extras import packages_of
-from saltus.flags import AT_LEAST_ONE, CommandGroup, Subcommands, shown
+from saltus.flags import AT_LEAST_ONE, CommandGroup, Subcommands, flag_help
 from saltus.folders import ask_for_room, new_folder
 from saltus.grid import DEFAULT_GRID
 from saltus.heightmap.settings import ClosedLoop
@@ -47,27 +47,27 @@ class Cycle(JsonOption, SettingsCommand):
             loop=ClosedLoop(robot=DEFAULT_ROBOT, grid=DEFAULT_GRID)
         )
     )
-    export_training: Annotated[Path | None, shown("PATH", "none, train here")] = None
+    export_training: Annotated[Path | None, flag_help("PATH", "none, train here")] = None
     """Folder to write for a machine with a GPU: profile, checkpoints,
     settings and commands, which make the data there; nothing is trained here."""
-    take_training: Annotated[Path | None, shown("PATH", "none, train here")] = None
+    take_training: Annotated[Path | None, flag_help("PATH", "none, train here")] = None
     """Such a folder with the models that were trained there."""
 
     def last(self) -> CycleSettings | None:
         """Settings of the cycle in `out`, which goes on; None if there is none."""
-        from saltus.real2sim.cycle.folder import settings_of
+        from saltus.real2sim.cycle.folder import cycle_settings
 
-        return settings_of(self.out)
+        return cycle_settings(self.out)
 
     def run(self) -> int:
         """Runs what is still missing, and writes the report."""
         with packages_of("train"):
             from saltus.real2sim.cycle.cycle import CycleRun as Stages
             from saltus.real2sim.cycle.folder import open_folder
-            from saltus.real2sim.cycle.remote_training import refuse
-            from saltus.real2sim.cycle.report import results
+            from saltus.real2sim.cycle.remote_training import refuse_export
+            from saltus.real2sim.cycle.report import cycle_results
 
-        refuse(self.export_training, self.take_training)
+        refuse_export(self.export_training, self.take_training)
         mounted_camera(self.settings.loop.camera, load_robot(self.settings.loop.robot))
         folder, settings = open_folder(self.out, self.settings)
         with Bar() as bar:
@@ -75,7 +75,7 @@ class Cycle(JsonOption, SettingsCommand):
                 self.export_training, self.take_training
             )
         print(folder.report)
-        self.tell_json(results(folder))
+        self.tell_json(cycle_results(folder))
         return 0
 
 
@@ -83,7 +83,7 @@ if TYPE_CHECKING:
     from saltus.real2sim.experiments.menu import Experiment
     from saltus.robots.robot import Robot
 
-NEW_FOLDER = shown("PATH", "a new one under runs/")
+NEW_FOLDER = flag_help("PATH", "a new one under runs/")
 LARGEST_LATENCY_S = 1.0
 
 
@@ -118,7 +118,7 @@ class Find(JsonOption):
         so that nothing could be looked for.
         """
         from saltus.api import find_effects
-        from saltus.real2sim.reporting.verdict_text import lines
+        from saltus.real2sim.reporting.verdict_text import verdict_lines
 
         directory = self.out or new_folder("real2sim")
         with Bar() as bar:
@@ -130,7 +130,7 @@ class Find(JsonOption):
                 report=self.report,
                 progress=bar.at,
             )
-        for line in lines(judgement, directory):
+        for line in verdict_lines(judgement, directory):
             print(line)
         print(f"{directory}: verdict.json, patch.toml{', report.html' if self.report else ''}")
         self.tell_json(judgement.verdict.to_dict())
@@ -151,7 +151,7 @@ class Import:
     recording: tyro.conf.Positional[Path]
     """Folder or recording.mcap of a run of Saltus; folder or file of a rosbag2;
     a ROS 1 bag; or a table of joints: text with any separator, Parquet or npz."""
-    description: Annotated[Path | None, shown("PATH", "none")] = None
+    description: Annotated[Path | None, flag_help("PATH", "none")] = None
     """TOML that says what a bag or a table does not say of itself (docs/tutorials/log.md)."""
     robot: str = DEFAULT_ROBOT
     """Robot of a bag or a table: name, or path of an MJCF or of a folder with a robot.toml."""
@@ -172,7 +172,7 @@ class Import:
             print(as_run_log(self.recording, directory))
             return 0
         description = (
-            load(RecordingDescription, self.description)
+            load_config(RecordingDescription, self.description)
             if self.description is not None
             else RecordingDescription()
         )
@@ -304,7 +304,7 @@ class Experiments(RobotOption, JsonOption):
     def _run(self, experiment: "Experiment") -> int:
         from saltus.effects.profile import load_profile
         from saltus.real2sim.experiments.footage import FootageCamera
-        from saltus.real2sim.experiments.run import run
+        from saltus.real2sim.experiments.run import run_experiment
         from saltus.recordings.run_log import refuse_run_log, write_run_log
 
         if not 0.0 <= self.camera_latency <= LARGEST_LATENCY_S:
@@ -316,7 +316,7 @@ class Experiments(RobotOption, JsonOption):
         directory = self.out or new_folder(experiment.name)
         refuse_run_log(directory)
         ask_for_room(directory)
-        log = run(
+        log = run_experiment(
             experiment,
             robot,
             profile,
@@ -361,14 +361,14 @@ class Demo(RobotOption, JsonOption):
     def run(self) -> int:
         """0 where what was hidden was found and the second look finds no gap, else 1."""
         from saltus.real2sim.demonstration import demonstrate
-        from saltus.real2sim.reporting.verdict_text import sentence
+        from saltus.real2sim.reporting.verdict_text import verdict_sentence
 
         directory = run_directory("real2sim-demo", self.out)
         with Bar() as bar:
             shown = demonstrate(load_robot(self.robot), directory, seed=self.seed, progress=bar.at)
         print(f"hidden:\n{shown.hidden.to_toml()}")
-        print(f"found: {sentence(shown.found.verdict)}")
-        print(f"with the patch: {sentence(shown.again.verdict, shown.profile)}")
+        print(f"found: {verdict_sentence(shown.found.verdict)}")
+        print(f"with the patch: {verdict_sentence(shown.again.verdict, shown.profile)}")
         print(f"{directory}: logs, found, again (each with report.html), profile.toml")
         self.tell_json(
             {

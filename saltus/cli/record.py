@@ -11,7 +11,7 @@ from typing import Annotated
 import tyro
 
 from saltus.cli.output import run_directory
-from saltus.flags import CommandGroup, EndpointOption, Subcommands, shown
+from saltus.flags import CommandGroup, EndpointOption, Subcommands, flag_help
 
 DRAIN_PERIOD_S = 0.02
 
@@ -25,14 +25,14 @@ class Run(EndpointOption):
 
     run_dir: Path
     """Folder of the run, with run.toml."""
-    out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-record")] = None
+    out: Annotated[Path | None, flag_help("PATH", "a new one, runs/DATE-record")] = None
     """Folder for the recording."""
 
     def run(self) -> int:
         """Writes recording.mcap; 0 where the stack ended,
         130 after Ctrl-C (the recording is closed either way).
         """
-        record(self.run_dir, self.endpoint, self._begin)
+        record_stack(self.run_dir, self.endpoint, self._begin)
         return 0
 
     def _begin(self) -> Path:
@@ -41,7 +41,7 @@ class Run(EndpointOption):
         return path
 
 
-def record(
+def record_stack(
     run_dir: Path, endpoint: str | None, begin: Callable[[], Path], seconds: float = math.inf
 ) -> None:
     """Records a stack until its router is gone, or for so long [s];
@@ -80,15 +80,15 @@ class Repair:
 
     recording: tyro.conf.Positional[Path]
     """The recording (.mcap), which stays as it is."""
-    out: Annotated[Path | None, shown("PATH", "beside it, NAME.repaired.mcap")] = None
+    out: Annotated[Path | None, flag_help("PATH", "beside it, NAME.repaired.mcap")] = None
     """The new file."""
 
     def run(self) -> int:
         """Repairs it, and says what is lost; 0, also where there is nothing to repair."""
-        from saltus.recordings.repair import repair
+        from saltus.recordings.repair import repair_recording
 
         out = self.out or self.recording.with_suffix(".repaired.mcap")
-        recording = repair(self.recording, out)
+        recording = repair_recording(self.recording, out)
         for line in recording.lost:
             print(f"lost: {line}")
         print(f"{self.recording} is whole" if recording.complete else f"repaired {out}")

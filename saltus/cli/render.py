@@ -11,7 +11,7 @@ import tyro
 from saltus.cli.output import JsonOption, run_directory
 from saltus.cli.run_options import CourseOptions, RobotOption, SizedCourse, mounted_camera
 from saltus.cli.serve import ServeProcess
-from saltus.flags import CommandGroup, Subcommands, shown
+from saltus.flags import CommandGroup, Subcommands, flag_help
 from saltus.robots.loading import load_robot
 
 
@@ -31,7 +31,7 @@ class Preview(RobotOption):
 
     Or a TOML file, see saltus camera show.
     """
-    out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-render-preview")] = None
+    out: Annotated[Path | None, flag_help("PATH", "a new one, runs/DATE-render-preview")] = None
     """Folder for preview.html."""
 
     def run(self) -> int:
@@ -58,16 +58,16 @@ class Fit(JsonOption):
 
     recording: Annotated[Path, tyro.conf.Positional]
     """A RealSense recording (.bag, .db3) or a recorded run (.mcap), without post-filters."""
-    out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-render-fit")] = None
+    out: Annotated[Path | None, flag_help("PATH", "a new one, runs/DATE-render-fit")] = None
     """Folder for camera.toml, which --camera takes and which says what each parameter rests on,
     and for stereo.html, measurements and model."""
 
     def run(self) -> int:
         """Writes both files and prints what was found, parameter by parameter."""
         from saltus.render.fit_plot import write_fit_plot
-        from saltus.render.stereo_fit import fit, load_frames
+        from saltus.render.stereo_fit import fit_stereo, load_frames
 
-        result = fit(load_frames(self.recording))
+        result = fit_stereo(load_frames(self.recording))
         folder = run_directory("render-fit", self.out)
         (folder / "camera.toml").write_text(result.to_toml(), encoding="utf-8")
         write_fit_plot(result, folder / "stereo.html")
@@ -91,20 +91,20 @@ class Calibrate(JsonOption):
 
     recording: Annotated[Path, tyro.conf.Positional]
     """A recorded run (.mcap) in which the robot stands for a second."""
-    out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-render-calibrate")] = None
+    out: Annotated[Path | None, flag_help("PATH", "a new one, runs/DATE-render-calibrate")] = None
     """Folder for camera.toml, which --camera takes, and for calibration.html, the ground as claimed
     and as found."""
 
     def run(self) -> int:
         """Writes both files and prints what was found."""
-        from saltus.render.calibrate import calibrate
-        from saltus.render.calibrate_plot import rows_of, write_calibration_plot
+        from saltus.render.calibrate import calibrate_camera
+        from saltus.render.calibrate_plot import place_rows, write_calibration_plot
 
-        found = calibrate(self.recording)
+        found = calibrate_camera(self.recording)
         folder = run_directory("render-calibrate", self.out)
         (folder / "camera.toml").write_text(found.camera.to_toml(), encoding="utf-8")
         write_calibration_plot(found, folder / "calibration.html")
-        for row in rows_of(found):
+        for row in place_rows(found):
             print(
                 f"{row.name:8} {row.found:9.3f} {row.unit:4} +- {row.half_width_90:.3f}, claimed "
                 f"{row.claimed:.3f}"
@@ -115,7 +115,7 @@ class Calibrate(JsonOption):
         )
         print(f"{folder}: camera.toml, calibration.html")
         self.tell_json(
-            {row.name: vars(row) for row in rows_of(found)} | {"on_ground": found.on_ground}
+            {row.name: vars(row) for row in place_rows(found)} | {"on_ground": found.on_ground}
         )
         return 0
 

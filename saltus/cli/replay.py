@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 import tyro
 
-from saltus.cli.output import Bar, JsonOption, finite, print_figures, print_json
+from saltus.cli.output import Bar, JsonOption, print_figures, print_json, without_infinities
 from saltus.cli.run_options import RobotOption
 from saltus.cli.scan_options import ScanOptions
 from saltus.errors import ConfigError, RecordingError
-from saltus.flags import Flag, shown
+from saltus.flags import Flag, flag_help
 from saltus.heightmap.level_robot import LevelRobot
 from saltus.wire.messages import (
     DepthFrame,
@@ -65,14 +65,14 @@ class Replay(ScanOptions, RobotOption, JsonOption):
     which has no robot state and needs --assume-level."""
     process: ProcessName = "heightmap"
     """Which one to run. A controller's run must have been in lockstep."""
-    model: Annotated[Path | None, shown("PATH", "that of the run")] = None
+    model: Annotated[Path | None, flag_help("PATH", "that of the run")] = None
     """ONNX file of the heightmap or of the planner, in place of the run's."""
     assume_level: Flag = False
     """Take the robot to stand still and level.
 
     A recording that is shorter than the model's warm-up is repeated.
     """
-    picture: Annotated[Path | None, shown("PATH", "none")] = None
+    picture: Annotated[Path | None, flag_help("PATH", "none")] = None
     """With a grid: PNG of heights, half-widths and ages where the ground is the most uneven, from
     above."""
     level: Annotated[LevelRobot, tyro.conf.arg(name="")] = field(default_factory=LevelRobot)
@@ -109,7 +109,7 @@ class Replay(ScanOptions, RobotOption, JsonOption):
 
     def _process(self, recording: "Recording") -> int:
         from saltus.recordings.answers import AnswerComparison
-        from saltus.runtime.replay import body_of, replay
+        from saltus.runtime.replay import body_of, replay_process
 
         name, config, body = PROGRAM[self.process], self._config(recording), None
         choice: ScanChoice | None = None
@@ -131,7 +131,7 @@ class Replay(ScanOptions, RobotOption, JsonOption):
 
         with Bar() as bar:
             heard = partial(_show, bar, f"replay {self.process}", max(1, recording.span_ns[1]))
-            replay(name, recording, said, heard=heard, body=body, config=config)
+            replay_process(name, recording, said, heard=heard, body=body, config=config)
         start = {
             "recording": str(self.recording),
             "process": self.process,
@@ -175,7 +175,13 @@ class Replay(ScanOptions, RobotOption, JsonOption):
         if self.json:
             print_json(table)
         else:
-            print_figures({n: value for n, value in finite(table).items() if value not in ({}, [])})
+            print_figures(
+                {
+                    n: value
+                    for n, value in without_infinities(table).items()
+                    if value not in ({}, [])
+                }
+            )
         return 0
 
     def _tell_profile(self, table: dict[str, object], last: Heightmap) -> int:
@@ -289,13 +295,13 @@ def _must_repeat(recording: "Recording", config: "RunConfig") -> bool:
     heard all of a run that came to its own end.
     """
     from saltus.recordings.summary import OUTCOME_CODES
-    from saltus.used_networks import models_of
+    from saltus.used_networks import network_names
 
     return (
         config.pace == "lockstep"
         and recording.complete
         and any(event.code in OUTCOME_CODES for event in recording.of(Event))
-        and models_of(config) == recording.models
+        and network_names(config) == recording.models
     )
 
 

@@ -10,7 +10,7 @@ import tyro
 from saltus.cli.output import JsonOption, print_json
 from saltus.cli.robot_link import Log, Preflight, Run
 from saltus.cli.robot_simulate import Simulate
-from saltus.flags import CommandGroup, Subcommands, shown
+from saltus.flags import CommandGroup, Subcommands, flag_help
 
 if TYPE_CHECKING:
     from saltus.robots.mjcf import Derivation
@@ -37,7 +37,7 @@ class Show(JsonOption):
     robot: Annotated[str, tyro.conf.Positional]
     """Name of a shipped robot, an MJCF, or a folder with a robot.toml."""
     toml: Annotated[
-        Path | None, tyro.conf.Positional, shown("TOML", "that of the robot's folder, or none")
+        Path | None, tyro.conf.Positional, flag_help("TOML", "that of the robot's folder, or none")
     ] = None
     """A file with what the MJCF cannot say: limits, stand pose, gains, camera mount, ... (that of a
     shipped robot has all)."""

@@ -12,7 +12,7 @@ from saltus.cli.output import JsonOption
 from saltus.config import Pace
 from saltus.errors import ConfigError, StackError
 from saltus.extras import check_package
-from saltus.flags import Flag, shown
+from saltus.flags import Flag, flag_help
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -94,7 +94,7 @@ class Preflight(JsonOption, LinkOptions):
     standing: Flag = False
     """The robot stands on level ground by itself: it is told nothing, and its IMU is compared with
     its legs. Without, it hangs with its feet in the air."""
-    recording: Annotated[Path | None, shown("PATH", "the camera is not judged")] = None
+    recording: Annotated[Path | None, flag_help("PATH", "the camera is not judged")] = None
     """A recorded run (.mcap) in which the robot stood for a second and then pitched, or bounded, on
     level ground with nothing ahead: place and lateness of its camera are judged by it."""
     speed: float = 1.0
@@ -106,13 +106,13 @@ class Preflight(JsonOption, LinkOptions):
         kind = self.loaded()
         from saltus.clock import RunClock
         from saltus.controller.robot.unitree.link import UnitreeLink
-        from saltus.controller.robot.unitree.preflight import preflight
+        from saltus.controller.robot.unitree.preflight import run_preflight
 
         clock = RunClock(speed=self.speed)
         link = UnitreeLink.to_robot(self.domain, self.interface)
         try:
-            checks = preflight(
-                link, kind, clock, ticking(clock), stands=self.standing,
+            checks = run_preflight(
+                link, kind, clock, tick_function(clock), stands=self.standing,
                 agreed=release_agreed(kind.name),
             )  # fmt: skip
         finally:
@@ -130,7 +130,7 @@ class Preflight(JsonOption, LinkOptions):
         return 1 if refused else 0
 
 
-def ticking(clock: "RunClock") -> "Callable[[], float]":
+def tick_function(clock: "RunClock") -> "Callable[[], float]":
     """A function that returns every 2 ms of a clock, with its time [s]."""
     from saltus.constants import PHYSICS_DT
     from saltus.runtime.ticker import Ticker
@@ -161,9 +161,9 @@ def release_agreed(name: str, *, begin: bool = False) -> "Callable[[str], None]"
 
 def refuse_unfit(link: "UnitreeLink", name: str, wait: "Callable[[], float]") -> None:
     """Listens for 2 s, and raises `StackError` for a robot that may not be commanded."""
-    from saltus.controller.robot.unitree.listening import link_checks, listen
+    from saltus.controller.robot.unitree.listening import link_checks, listen_to_robot
 
-    for check in link_checks(listen(link, wait)):
+    for check in link_checks(listen_to_robot(link, wait)):
         if not check.passed:
             raise StackError(
                 f"{name} is not commanded: {check.name}: {check.found} (allowed: "
@@ -185,9 +185,9 @@ class Log(LinkOptions):
       saltus real2sim import logs/walk.mcap --robot go2 --out logs/walk
     """
 
-    out: Annotated[Path | None, shown("PATH", "a new one under runs/")] = None
+    out: Annotated[Path | None, flag_help("PATH", "a new one under runs/")] = None
     """The file, in MCAP, which ROS 2 and viewers open."""
-    seconds: Annotated[float, shown("FLOAT", "until Ctrl-C")] = math.inf
+    seconds: Annotated[float, flag_help("FLOAT", "until Ctrl-C")] = math.inf
     """How long is recorded [s]."""
 
     def run(self) -> int:
@@ -199,7 +199,7 @@ class Log(LinkOptions):
             ArrivedMessage,
             UnitreeLink,
         )
-        from saltus.controller.robot.unitree.log import TOPICS, new_log, record
+        from saltus.controller.robot.unitree.log import TOPICS, new_log, record_link
         from saltus.controller.robot.unitree.states import StateWatch
         from saltus.folders import new_folder
 
@@ -219,7 +219,7 @@ class Log(LinkOptions):
         ):
             print(f"recording into {path}; Ctrl-C ends it", flush=True)
             try:
-                record(arrivals, log, watch, self.seconds)
+                record_link(arrivals, log, watch, self.seconds)
             finally:
                 states, commands = (log.counts[TOPICS[name]] for name in (STATES, COMMANDS))
                 print(
@@ -269,7 +269,7 @@ class Run(PaceOptions, LinkOptions):
         link = UnitreeLink.to_robot(self.domain, self.interface, reliable=lockstep)
         limits = STAGES.get(self.stage)  # an experiment has its own
         robot = UnitreeRobot(link, kind, clock, limits=limits, lockstep=lockstep)
-        wait = (lambda: 0.0) if lockstep else ticking(clock)
+        wait = (lambda: 0.0) if lockstep else tick_function(clock)
         with contextlib.closing(robot):
             MotionService(link).release(release_agreed(kind.name, begin=self.begin))
             if not lockstep:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from saltus.cli.robot_link import LinkOptions, PaceOptions, check_speed
 from saltus.cli.run_options import CourseOptions, SizedCourse
-from saltus.flags import Flag, shown
+from saltus.flags import Flag, flag_help
 
 if TYPE_CHECKING:
     from saltus.controller.robot.unitree.simulated import SimulatedUnitree
@@ -30,11 +30,11 @@ class Simulate(PaceOptions, LinkOptions):
     file."""
     held: Flag = False
     """Hold the trunk in the air, as a crane or two people would."""
-    fault: Annotated[tuple[str, ...], shown("KIND[:JOINT][@SECONDS]", "none")] = ()
+    fault: Annotated[tuple[str, ...], flag_help("KIND[:JOINT][@SECONDS]", "none")] = ()
     """Faults, from some second on: battery, button, crc, dead, foreign, frozen, hot, imu, kept,
     late, lost, mode, offset, sign, silent, slow, stuck, tick; of dead, hot, offset and sign at a
     joint."""
-    seconds: Annotated[float, shown("FLOAT", "until Ctrl-C")] = math.inf
+    seconds: Annotated[float, flag_help("FLOAT", "until Ctrl-C")] = math.inf
     """Time of the robot after which the simulation ends [s]."""
     seed: int = 0
     """Seed of noise and lost packets."""

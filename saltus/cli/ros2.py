@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from saltus.errors import SaltusError
 from saltus.extras import check_package
-from saltus.flags import EndpointOption, Flag, shown
+from saltus.flags import EndpointOption, Flag, flag_help
 
 if TYPE_CHECKING:
     from saltus.ros2.dds import DdsNode
@@ -47,7 +47,7 @@ class Ros2(EndpointOption):
     """ROS_DOMAIN_ID."""
     namespace: str = "saltus"
     """Namespace of the topics that are sent; also the name of the node."""
-    prefix: Annotated[str | None, shown("STR", "the one of run.toml")] = None
+    prefix: Annotated[str | None, flag_help("STR", "the one of run.toml")] = None
     """Prefix of the robot's keys, where several share the router of the folder."""
     base_frame: str = "base"
     """The frame of the trunk, in which those of heights and camera hang."""
@@ -59,13 +59,13 @@ class Ros2(EndpointOption):
     Or a topic .../compressedDepth.
     """
     depth_unit_m: Annotated[
-        float | None, shown("FLOAT", "that of the run's camera, else as above")
+        float | None, flag_help("FLOAT", "that of the run's camera, else as above")
     ] = None
     """Metres that one step of these images is, where it is another: 0.0001 of a D405, 0.00025 of an
     L515."""
     camera_info: str = "/camera/depth/camera_info"
     """Taken with --take: sensor_msgs/CameraInfo of these images."""
-    other_depth: Annotated[tuple[str, ...], shown("NAME=TOPIC", "none: one camera")] = ()
+    other_depth: Annotated[tuple[str, ...], flag_help("NAME=TOPIC", "none: one camera")] = ()
     """Taken with --take: depth images of further cameras, NAME as in the camera's TOML file. Their
     CameraInfo is taken beside them: of /rear/depth/image_rect_raw from /rear/depth/camera_info."""
     joints: str = "/joint_states"
@@ -74,7 +74,7 @@ class Ros2(EndpointOption):
     `none` for heights of any grid, of a robot with other legs.
     """
     base_height_m: Annotated[
-        float | None, shown("FLOAT", "the stand height of the run's robot")
+        float | None, flag_help("FLOAT", "the stand height of the run's robot")
     ] = None
     """With `--joints none`: height of the base above the ground when the robot stands [m]."""
     imu: str = "/imu/data"
@@ -82,7 +82,7 @@ class Ros2(EndpointOption):
     odometry: str = "/odom"
     """Taken with --take: nav_msgs/Odometry, whose velocity is in the frame of the trunk."""
     joint_names: Annotated[
-        tuple[str, ...], shown("NAME", "FR_hip FR_thigh FR_calf FL_hip ... RL_calf")
+        tuple[str, ...], flag_help("NAME", "FR_hip FR_thigh FR_calf FL_hip ... RL_calf")
     ] = ()
     """Their names of the twelve joints, in the order FR, FL, RR, RL; "_joint" at the end may be
     left out."""
@@ -90,7 +90,7 @@ class Ros2(EndpointOption):
     """Take messages to be true when they arrive, for robots whose stamps are not this computer's
     time."""
 
-    cmd_vel: Annotated[str | None, shown("TOPIC", "none: nothing commands the robot")] = None
+    cmd_vel: Annotated[str | None, flag_help("TOPIC", "none: nothing commands the robot")] = None
     """Taken where it is named, e.g. /cmd_vel: geometry_msgs/Twist, which a robot that walks follows
     for 0.5 s. Whoever reaches the ROS side then moves the robot."""
 
@@ -98,7 +98,7 @@ class Ros2(EndpointOption):
         """Runs until a router is gone or Ctrl-C."""
         from saltus.clock import RunClock
         from saltus.recordings.ros_images import info_of
-        from saltus.ros2.bridge import RosReceiver, RosSender, run
+        from saltus.ros2.bridge import RosReceiver, RosSender, run_bridge
         from saltus.ros2.commands import CommandReceiver
         from saltus.ros2.incoming import RosIntake
         from saltus.ros2.outgoing import RosExporter
@@ -174,7 +174,7 @@ class Ros2(EndpointOption):
                 if self.joints == NO_JOINTS:
                     del topics["joints"]
                 receiver = RosReceiver(bus, node, intake, topics, RunClock.of(config), _tell)
-            run(bus, node, sender, receiver, commands)
+            run_bridge(bus, node, sender, receiver, commands)
             print(
                 "the run has ended"
                 if node.connected()

@@ -11,7 +11,7 @@ from saltus.cli.output import run_directory
 from saltus.cli.run_options import NetworkOptions, RobotOption, mounted_camera
 from saltus.config import RunConfig, TerrainConfig
 from saltus.errors import ModelError
-from saltus.flags import shown
+from saltus.flags import flag_help
 from saltus.grid import DEFAULT_GRID
 from saltus.robots.loading import load_robot
 
@@ -38,7 +38,7 @@ class Router(RobotOption, NetworkOptions):
 
     Images say their own intrinsics.
     """
-    heightmap_model: Annotated[Path | None, shown("PATH", "the shipped model")] = None
+    heightmap_model: Annotated[Path | None, flag_help("PATH", "the shipped model")] = None
     """ONNX file of the heightmap service: your own, where your camera sits elsewhere."""
     grid: str = DEFAULT_GRID
     """Points of the heights: line, of the network of one robot; scan, of any robot.
@@ -47,7 +47,7 @@ class Router(RobotOption, NetworkOptions):
     """
     prefix: str = RunConfig.prefix
     """Prefix of the keys."""
-    out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-router")] = None
+    out: Annotated[Path | None, flag_help("PATH", "a new one, runs/DATE-router")] = None
     """Folder."""
 
     def run(self) -> int:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from saltus.config import Pace, RendererName, RunConfig, RunHeights, RunPlanner, TerrainConfig
-from saltus.flags import shown
+from saltus.flags import flag_help
 from saltus.grid import DEFAULT_GRID, WALKING_GRID, load_grid
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
@@ -25,7 +25,9 @@ def _shown(size: str, otherwise: str = "") -> Any:
     defaults = ", ".join(f"{value.default:g} {name}" for name, value in sizes.items())
     by_difficulty = any(value.base is not None for value in sizes.values())
     kind = "INT" if size == "steps" else "FLOAT"
-    return shown(kind, otherwise or defaults + ("; or by the difficulty" if by_difficulty else ""))
+    return flag_help(
+        kind, otherwise or defaults + ("; or by the difficulty" if by_difficulty else "")
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,9 +64,9 @@ class RobotOption:
 class ModelOptions:
     """Flags of a command that runs both networks."""
 
-    policy_model: Annotated[Path | None, shown("PATH", "the shipped policy")] = None
+    policy_model: Annotated[Path | None, flag_help("PATH", "the shipped policy")] = None
     """ONNX file of the learned planner, or of a policy that walks, or a TOML file about that."""
-    heightmap_model: Annotated[Path | None, shown("PATH", "the shipped model")] = None
+    heightmap_model: Annotated[Path | None, flag_help("PATH", "the shipped model")] = None
     """ONNX file of the heightmap service; scan: the shipped network of any robot and grid."""
 
 
@@ -75,7 +77,7 @@ class HardwareOptions:
     profile: str = "shipped"
     """Effects of the hardware: shipped (those of the robot), ideal, one of your own, or a TOML
     file."""
-    known: Annotated[str | None, shown("STR", "nothing")] = None
+    known: Annotated[str | None, flag_help("STR", "nothing")] = None
     """Profile of what is known of the drives: the leg controller makes up for its torque gain and
     viscous friction."""
 
@@ -111,9 +113,9 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
     heights: RunHeights = "predicted"
     """predicted: by the heightmap service's network, of the camera's images. true: the ground as
     the simulator has it, to compare with."""
-    commands: Annotated[Path | None, shown("PATH", "none")] = None
+    commands: Annotated[Path | None, flag_help("PATH", "none")] = None
     """Script of commands, as of saltus drive --script, by the time of the run."""
-    out: Annotated[Path | None, shown("PATH", "a new one under runs/")] = None
+    out: Annotated[Path | None, flag_help("PATH", "a new one under runs/")] = None
     """Folder for everything, in place of what an earlier run left there."""
 
     def config(self, time_limit_s: float) -> RunConfig:
@@ -189,7 +191,7 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
 class NetworkOptions:
     """Whom a router lets in besides the programs of its own machine."""
 
-    listen: Annotated[str | None, shown("HOST:PORT", "none, this machine only")] = None
+    listen: Annotated[str | None, flag_help("HOST:PORT", "none, this machine only")] = None
     """Where others join over a network, each with a certificate of --keys."""
     keys: Path = Path("keys")
     """Folder of saltus keys."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from saltus.flags import shown
+from saltus.flags import flag_help
 
 if TYPE_CHECKING:
     from saltus.heightmap.service.scan_fleet import ScanChoice
@@ -16,13 +16,15 @@ ROBOT = "robot"
 class ScanOptions:
     """Points of the heights, form of the observation, cameras and body."""
 
-    grid: Annotated[str | None, shown("STR", "that of the run: line, of the Go1's network")] = None
+    grid: Annotated[str | None, flag_help("STR", "that of the run: line, of the Go1's network")] = (
+        None
+    )
     """Points whose heights are told: scan, or a TOML file (`x` and `y`, lists of metres that
     ascend)."""
-    dialect: Annotated[str | None, shown("STR", "none: heights alone")] = None
+    dialect: Annotated[str | None, flag_help("STR", "none: heights alone")] = None
     """Beside the heights, the observation of a policy that was trained with isaaclab, legged_gym or
     mjlab."""
-    cameras: Annotated[tuple[Path, ...], shown("PATH [PATH ...]", "the one of the run")] = ()
+    cameras: Annotated[tuple[Path, ...], flag_help("PATH [PATH ...]", "the one of the run")] = ()
     """With a grid: TOML files that say where each camera sits. The first sends under camera/depth,
     others under camera/depth/NAME."""
     body: str = ROBOT

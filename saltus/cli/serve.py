@@ -13,7 +13,7 @@ from saltus.flags import EndpointOption, Flag
 END_S = 5.0  # a robot lands and stands within 1.5 s
 
 
-def serve(module: str, run_dir: Path, endpoint: str | None, *more: str, peer: bool) -> int:
+def serve_module(module: str, run_dir: Path, endpoint: str | None, *more: str, peer: bool) -> int:
     """Runs `python -P -m module` against a router and returns its exit code.
 
     Ctrl-C and the signals that end a command end it too, cleanly.
@@ -64,4 +64,4 @@ class ServeProcess(EndpointOption):
 
     def run(self) -> int:
         """Runs until the run is over or it is told to stop."""
-        return serve(self.module, self.run_dir, self.endpoint, peer=self.peer)
+        return serve_module(self.module, self.run_dir, self.endpoint, peer=self.peer)

@@ -8,7 +8,7 @@ import tyro
 
 from saltus.cli.output import JsonOption, print_figures, run_directory
 from saltus.config import TerrainConfig
-from saltus.flags import shown
+from saltus.flags import flag_help
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,11 +25,13 @@ class TerrainCommand(JsonOption):
     terrain: tyro.conf.Positional[str]
     """A family, a course that Saltus ships (house, quarry, yard, plain, rubble, stones,
     flight), or a TOML file with boxes or segments."""
-    difficulty: Annotated[float | None, shown("FLOAT", "its default sizes, or drawn ones")] = None
+    difficulty: Annotated[float | None, flag_help("FLOAT", "its default sizes, or drawn ones")] = (
+        None
+    )
     """From 0 to 1."""
     layout_seed: int = 0
     """Seed of what is drawn."""
-    out: Annotated[Path | None, shown("PATH", "a new one, runs/DATE-terrain")] = None
+    out: Annotated[Path | None, flag_help("PATH", "a new one, runs/DATE-terrain")] = None
     """Folder for terrain.png, and for terrain.toml, the terrain as boxes."""
 
     def run(self) -> int:

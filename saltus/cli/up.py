@@ -5,19 +5,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
-from saltus.cli.output import follow, run_directory
+from saltus.cli.output import poll_until_done, run_directory
 from saltus.cli.robot_link import (
     DomainOptions,
     await_person,
     need_dds,
     refuse_unfit,
     release_agreed,
-    ticking,
+    tick_function,
 )
 from saltus.cli.run_options import NetworkOptions, RunOptions
 from saltus.config import LONGEST_RUN_S, LinkName, Pace
 from saltus.errors import ConfigError, RecordingError
-from saltus.flags import Flag, shown
+from saltus.flags import Flag, flag_help
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +44,7 @@ class Up(DomainOptions, RunOptions, NetworkOptions):
     """Camera, heightmap service and planner each have a second process that works along unheard,
     and goes on where the first was killed; without, the camera has one that waits. On two cores
     they take the others' time."""
-    grid: Annotated[str | None, shown("STR", "none beside the planner's")] = None
+    grid: Annotated[str | None, flag_help("STR", "none beside the planner's")] = None
     """Heights at more points beside those that the planner is given, by the network of any grid,
     under scan/heightmap: scan, or a TOML file. A fifth process tells them."""
 
@@ -54,7 +54,7 @@ class Up(DomainOptions, RunOptions, NetworkOptions):
         130 after Ctrl-C; the recording is closed in every case.
         """
         from saltus.grid import load_grid
-        from saltus.runtime.programs import PROGRAMS, WITH_STANDBYS, scan
+        from saltus.runtime.programs import PROGRAMS, WITH_STANDBYS, scan_program
         from saltus.runtime.run_folder import CLIENT_FILE
         from saltus.runtime.stack import Stack
 
@@ -70,7 +70,7 @@ class Up(DomainOptions, RunOptions, NetworkOptions):
         programs = WITH_STANDBYS if self.standbys else PROGRAMS
         if self.grid is not None:
             load_grid(self.grid)  # what is wrong with it is said at once
-            programs = (scan(self.grid), *programs)
+            programs = (scan_program(self.grid), *programs)
         where = {"link": self.link, "domain": self.domain, "interface": self.interface}
         config = replace(self.config(LONGEST_RUN_S), **where)  # type: ignore[arg-type]
         network = self.network(config.prefix)
@@ -85,7 +85,7 @@ class Up(DomainOptions, RunOptions, NetworkOptions):
                     f"running, keys under {config.prefix}; join it with {directory / CLIENT_FILE}; "
                     "Ctrl-C ends it"
                 )
-                for _ in follow(stack):
+                for _ in poll_until_done(stack):
                     pass
         finally:
             if stack.recording.is_file():
@@ -111,7 +111,7 @@ class Up(DomainOptions, RunOptions, NetworkOptions):
         with contextlib.closing(link):
             MotionService(link).release(release_agreed(self.robot, begin=self.begin))
             if self.pace == "realtime":  # in lockstep it says nothing unless it is told something
-                refuse_unfit(link, self.robot, ticking(RunClock(speed=self.speed)))
+                refuse_unfit(link, self.robot, tick_function(RunClock(speed=self.speed)))
         if not self.begin:
             await_person(self.robot)
 
@@ -119,12 +119,12 @@ class Up(DomainOptions, RunOptions, NetworkOptions):
 def _tell(path: Path, restarts: dict[str, int]) -> bool:
     """Prints how a run went; True where its robot was lost."""
     from saltus.recordings.recording import read_recording
-    from saltus.recordings.summary import sentence, summarise
+    from saltus.recordings.summary import run_sentence, summarise_run
     from saltus.wire.messages import Event
 
     recording = read_recording(path)
     lost = [event.detail for event in recording.of(Event) if event.code == "robot_lost"]
-    print(sentence(summarise(recording)))
+    print(run_sentence(summarise_run(recording)))
     for why in lost:
         print(f"the robot was given up: {why}")
     for process, times in restarts.items():

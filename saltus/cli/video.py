@@ -8,7 +8,7 @@ import numpy as np
 
 from saltus.grid import LINE
 from saltus.recordings.recording import Recording
-from saltus.recordings.report import RunData, collect
+from saltus.recordings.report import RunData, join_by_step
 from saltus.sim.video import FPS, render_run
 from saltus.sim.video import write_video as encode
 from saltus.watch.pictures import BESIDE, video_panel
@@ -22,7 +22,7 @@ PICTURE_AT = (0.42, 0.56, 0.70)
 """Shares of the run: after the start, before the end."""
 
 
-def write_video(recording: Recording, path: Path) -> None:
+def write_run_video(recording: Recording, path: Path) -> None:
     """Writes an MP4 of the robot with the predicted heightmap on the terrain,
     with progress on a terminal.
 
@@ -33,7 +33,7 @@ def write_video(recording: Recording, path: Path) -> None:
     """
     from tqdm import tqdm
 
-    data = collect(recording)
+    data = join_by_step(recording)
     run = RecordedRun(recording)
     base_pose = np.concatenate([data.position, data.quaternion], axis=1)
     joint_position = np.array([truth.joint_position for truth in data.truths])

@@ -13,7 +13,7 @@ import tyro
 
 from saltus.errors import SaltusError
 from saltus.extras import check_package
-from saltus.flags import shown
+from saltus.flags import flag_help
 from saltus.tuning import stand_back
 
 PORT = 8080
@@ -32,13 +32,15 @@ class Watch:
     """
 
     runs: Annotated[
-        tyro.conf.Positional[tuple[Path, ...]], shown("PATH", "none, start one on the page")
+        tyro.conf.Positional[tuple[Path, ...]], flag_help("PATH", "none, start one on the page")
     ] = ()
     """Recordings, and folders of runs, which may go on, have ended or be yet to begin;
     several stand beside each other."""
-    robots: Annotated[tuple[str, ...], shown("PREFIX", "the one that each folder names")] = ()
+    robots: Annotated[tuple[str, ...], flag_help("PREFIX", "the one that each folder names")] = ()
     """Prefixes of the robots' keys, where several share the router of one folder."""
-    port: Annotated[int | None, shown("INT", f"{PORT}, the next free one where it is taken")] = None
+    port: Annotated[
+        int | None, flag_help("INT", f"{PORT}, the next free one where it is taken")
+    ] = None
     """Port of the page, on this machine only."""
 
     def run(self) -> int:

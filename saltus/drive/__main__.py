@@ -8,7 +8,7 @@ from pathlib import Path
 
 from saltus.drive import gamepad
 from saltus.drive.goals import TURN_RPS, Goals
-from saltus.drive.keyboard import unbuffered
+from saltus.drive.keyboard import unbuffered_keys
 from saltus.drive.script import WishScript
 from saltus.drive.wish import Wish
 from saltus.errors import ConfigError
@@ -112,10 +112,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(context: ProcessContext, own: argparse.Namespace) -> None:
     if own.keys:
-        with unbuffered(sys.stdin.fileno()) as keys:
+        with unbuffered_keys(sys.stdin.fileno()) as keys:
             body(context, lambda _: keys.wish())
     elif own.gamepad is not None:
-        with gamepad.opened(own.gamepad) as pad:
+        with gamepad.open_gamepad(own.gamepad) as pad:
             sys.stderr.write(f"{gamepad.HELP}\n")
             body(context, lambda _: pad.wish())
     else:

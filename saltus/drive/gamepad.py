@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from saltus.drive.wish import STAND, Wish, moving
+from saltus.drive.wish import STAND, Wish, moving_wish
 from saltus.errors import ConfigError
 from saltus.wire.messages import CommandMode
 
@@ -43,7 +43,7 @@ def moved(wish: Wish, kind: int, number: int, value: int) -> Wish:
     share = max(-1.0, min(1.0, value / FULL))
     pushed = max(0.0, abs(share) - DEAD) / (1.0 - DEAD)
     name, fastest = STICKS[number]
-    before = moving(wish, name)
+    before = moving_wish(wish, name)
     if wish.mode != before.mode and not pushed:
         return wish
     speed = fastest * (pushed if share > 0.0 else -pushed)
@@ -75,7 +75,7 @@ class GamepadWish:
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[GamepadWish]:
+def open_gamepad(path: Path) -> Iterator[GamepadWish]:
     """The gamepad at a device; `ConfigError` where it cannot be read."""
     try:
         device = os.open(path, os.O_RDONLY | os.O_NONBLOCK)

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
-from saltus.drive.wish import STAND, Wish, moving
+from saltus.drive.wish import STAND, Wish, moving_wish
 from saltus.wire.messages import CommandMode
 
 STEP = 0.2
@@ -37,7 +37,7 @@ def pressed(wish: Wish, key: str) -> Wish:
     if key not in VELOCITIES:
         return wish
     name, step = VELOCITIES[key]
-    before = moving(wish, name)
+    before = moving_wish(wish, name)
     value = round(min(max(getattr(before, name) + step, -MOST), MOST), 6)
     return replace(before, **{name: value})
 
@@ -60,7 +60,7 @@ class KeyboardWish:
 
 
 @contextmanager
-def unbuffered(terminal: int) -> Iterator[KeyboardWish]:
+def unbuffered_keys(terminal: int) -> Iterator[KeyboardWish]:
     """Keys as they are pressed, without Enter; the terminal is as before afterwards."""
     before = termios.tcgetattr(terminal)
     try:

@@ -30,7 +30,7 @@ class Wish:
 STAND = Wish()
 
 
-def moving(wish: Wish, velocity: str) -> Wish:
+def moving_wish(wish: Wish, velocity: str) -> Wish:
     """The wish in which one velocity, by its name, is then changed: to walk, or to jump on where the
     robot turns.
     """

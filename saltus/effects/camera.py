@@ -20,7 +20,7 @@ from saltus.effects.depth_errors import (
 from saltus.effects.effect import Effect, PerRobot, Signal, parameter
 from saltus.effects.image_delivery import CameraLatency, FrameDrop, SampleAndHold, TemporalSmear
 from saltus.effects.signal_chain import Order, SignalChain
-from saltus.effects.signals import CameraView, DepthImage, chosen, nothing_yet
+from saltus.effects.signals import CameraView, DepthImage, choose_images, nothing_yet
 from saltus.wire.topics import CAMERA_LATENCY_S
 
 
@@ -159,7 +159,9 @@ def _forgotten(memory: Any, robots: Array) -> Any:
     if isinstance(memory, tuple):
         return tuple(_forgotten(part, robots) for part in memory)
     return (
-        chosen(~robots, memory, nothing_yet(memory)) if isinstance(memory, DepthImage) else memory
+        choose_images(~robots, memory, nothing_yet(memory))
+        if isinstance(memory, DepthImage)
+        else memory
     )
 
 

@@ -37,7 +37,7 @@ from saltus.effects.motors import (
     TorqueSpeedLimit,
     VoltageSag,
 )
-from saltus.effects.signal_chain import Chain, Order, SignalChain, applied, chosen_of
+from saltus.effects.signal_chain import Chain, Order, SignalChain, apply_effect, chosen_of
 from saltus.effects.signals import DriveTorque, EncoderReading, Resistance
 from saltus.joint_command import JointCommand
 from saltus.robots.robot import Robot
@@ -211,7 +211,7 @@ class ActuatorChain(Chain):
     ) -> Signal:
         for i, effect in enumerate(self.effects):
             if effect.site == site:
-                signal, memories[i] = applied(effect, signal, time_s, memories[i], fresh)
+                signal, memories[i] = apply_effect(effect, signal, time_s, memories[i], fresh)
         return signal
 
     def _on_its_side(

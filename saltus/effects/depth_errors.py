@@ -8,7 +8,7 @@ import numpy as np
 from saltus.arrays import Array, namespace
 from saltus.depth import BASELINE_M, D435I
 from saltus.effects.effect import Effect, PerRobot, parameter, per_image, pixels_within, setting
-from saltus.effects.random_fields import draw_keys, gaussian
+from saltus.effects.random_fields import draw_keys, gaussian_field
 from saltus.effects.signals import DepthImage
 
 
@@ -65,7 +65,7 @@ class DepthNoise(Effect[DepthImage], name="depth_noise", site="depth"):
         hit = (depth > 0.0) & xp.isfinite(depth)
         near = xp.where(hit, depth, xp.zeros_like(depth))
         sigma = per_image(self.subpixel_sigma, depth, xp) * (1.0 / (self.focal_px * BASELINE_M))
-        noise = gaussian(state, signal.time_s, depth.shape[-2:], (1, 1), depth.dtype)
+        noise = gaussian_field(state, signal.time_s, depth.shape[-2:], (1, 1), depth.dtype)
         noisy = near + sigma * near * near * noise
         noisy = xp.where(noisy > 0.0, noisy, xp.zeros_like(depth))
         return replace(signal, depth=xp.where(hit, noisy, depth)), state

@@ -276,7 +276,7 @@ class Effect(Generic[Signal]):
         )
 
 
-def like(values: PerRobot, array: Array, xp: Namespace) -> Array:
+def as_parameter_of(values: PerRobot, array: Array, xp: Namespace) -> Array:
     """A parameter in the form in which it combines with `array`:
     a float, or an array of its kind, type and device.
     """
@@ -287,7 +287,7 @@ def like(values: PerRobot, array: Array, xp: Namespace) -> Array:
 
 def per_image(value: PerRobot, array: Array, xp: Namespace) -> Array:
     """A parameter in the form in which it combines with images: a float, or shape (..., 1, 1)."""
-    found = like(value, array, xp)
+    found = as_parameter_of(value, array, xp)
     return found if isinstance(found, float | int) or found.ndim == 0 else found[..., None, None]
 
 
@@ -322,7 +322,7 @@ def map_arrays(function: Callable[..., Array], value: State, *others: State) -> 
     return dataclasses.replace(value, **changes)
 
 
-def stacked(states: Sequence[State]) -> State:
+def stack_states(states: Sequence[State]) -> State:
     """The states of single robots as that of a batch, in numpy."""
     return map_arrays(lambda *arrays: np.stack(arrays), *states)
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from saltus.arrays import Array, namespace
 from saltus.effects.effect import Effect, PerRobot, parameter, per_image, period
-from saltus.effects.random_fields import draw_keys, uniform
-from saltus.effects.signals import DepthImage, chosen, nothing_yet
+from saltus.effects.random_fields import draw_keys, uniform_numbers
+from saltus.effects.signals import DepthImage, choose_images, nothing_yet
 
 ROUNDING_S = 1e-9  # times that are meant to be equal may differ by rounding
 
@@ -27,7 +27,7 @@ class SampleAndHold(Effect[DepthImage], name="sample_and_hold", site="depth"):
     ) -> tuple[DepthImage, DepthImage]:
         """Returns the new image, or the one that is held; so is the state."""
         held = nothing_yet(signal) if state is None else state
-        image = chosen(signal.time_s >= held.time_s + self.period - ROUNDING_S, signal, held)
+        image = choose_images(signal.time_s >= held.time_s + self.period - ROUNDING_S, signal, held)
         return image, image
 
 
@@ -53,7 +53,7 @@ class FrameDrop(Effect[DepthImage], name="frame_drop", site="depth"):
         """Returns the image, or the last one that was not lost."""
         keys, last = state
         kept = namespace(signal.time_s).isfinite(self.arrival_s(signal.time_s, keys))
-        image = chosen(kept, signal, nothing_yet(signal) if last is None else last)
+        image = choose_images(kept, signal, nothing_yet(signal) if last is None else last)
         return image, (keys, image)
 
     def arrival_s(self, captured_s: Array, keys: Array) -> Array:
@@ -62,7 +62,9 @@ class FrameDrop(Effect[DepthImage], name="frame_drop", site="depth"):
         """
         xp = namespace(captured_s)
         return xp.where(
-            uniform(keys, captured_s) < self.value("fraction", captured_s), math.inf, captured_s
+            uniform_numbers(keys, captured_s) < self.value("fraction", captured_s),
+            math.inf,
+            captured_s,
         )
 
 
@@ -126,7 +128,9 @@ class CameraLatency(Effect[DepthImage], name="camera_latency", site="depth"):
         latency = self.value("latency", captured_s)
         if np.all(np.equal(self.jitter, 0.0)):
             return captured_s + latency
-        delay = latency + self.value("jitter", captured_s) * (2.0 * uniform(keys, captured_s) - 1.0)
+        delay = latency + self.value("jitter", captured_s) * (
+            2.0 * uniform_numbers(keys, captured_s) - 1.0
+        )
         return captured_s + xp.where(delay > 0.0, delay, 0.0)
 
     def apply(
@@ -143,7 +147,7 @@ class CameraLatency(Effect[DepthImage], name="camera_latency", site="depth"):
         newest = nothing_yet(signal)
         for image, arrival_s in images[::-1]:
             arrived = arrival_s <= time_s + ROUNDING_S
-            newest = chosen(arrived & (image.time_s >= newest.time_s), image, newest)
+            newest = choose_images(arrived & (image.time_s >= newest.time_s), image, newest)
         return newest, (keys, images)
 
     def next_arrival_s(self, time_s: float, state: CameraLatencyState) -> float:

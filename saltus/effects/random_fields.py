@@ -28,7 +28,7 @@ def draw_keys(batch: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.in
     return np.asarray(rng.integers(0, 2**32, size=batch, dtype=np.int64))
 
 
-def uniform(keys: Array, time_s: Array) -> Array:
+def uniform_numbers(keys: Array, time_s: Array) -> Array:
     """Uniform numbers in [0, 1), one per robot, that belong to an instant.
 
     Args:
@@ -86,7 +86,7 @@ def unit_uniform(keys: Array, time_s: Array, shape: tuple[int, int], dtype: obje
 
 def _seeds(keys: Array, time_s: Array) -> Array:
     xp = namespace(time_s)
-    return xp.astype(uniform(keys, time_s) * 2.0**32 - 2.0**31, xp.int32)
+    return xp.astype(uniform_numbers(keys, time_s) * 2.0**32 - 2.0**31, xp.int32)
 
 
 def _hashed(value: Array) -> Array:
@@ -105,7 +105,7 @@ def _unit(value: Array, dtype: object) -> Array:
     return result
 
 
-def gaussian(
+def gaussian_field(
     keys: Array, time_s: Array, shape: tuple[int, int], window: tuple[int, int], dtype: object
 ) -> Array:
     """Normal numbers of mean 0 and variance 1 whose correlation falls linearly to 0 over `window`:
@@ -204,7 +204,7 @@ def padded(values: Array, count: int, axis: int) -> Array:
     return xp.concat([*first_part, values, *last_part], axis=axis)
 
 
-def samples(length_px: float, pitch: float) -> int:
+def samples_across(length_px: float, pitch: float) -> int:
     """How many samples come nearest to a length on the sensor; one at least."""
     return max(1, round(length_px / pitch))
 

@@ -61,7 +61,7 @@ class Chain:
         return tuple(effect.init(batch, rng) for effect in self.effects)
 
 
-def applied(
+def apply_effect(
     effect: Effect, signal: Signal, time_s: Array, memory: object, fresh: Array | None
 ) -> tuple[Signal, object]:
     """`effect.apply` with a blank memory for robots that are `fresh`,
@@ -98,7 +98,7 @@ class SignalChain(Chain):
         """
         states = []
         for effect, memory in zip(self.effects, state, strict=True):
-            signal, memory = applied(effect, signal, time_s, memory, fresh)
+            signal, memory = apply_effect(effect, signal, time_s, memory, fresh)
             states.append(memory)
         return signal, tuple(states)
 

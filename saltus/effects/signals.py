@@ -94,7 +94,7 @@ def nothing_yet(like: DepthImage) -> DepthImage:
     return DepthImage(depth=xp.zeros_like(like.depth), time_s=never)
 
 
-def chosen(condition: Array, image: DepthImage, otherwise: DepthImage) -> DepthImage:
+def choose_images(condition: Array, image: DepthImage, otherwise: DepthImage) -> DepthImage:
     """For each robot, `image` where `condition`, shape (...), else `otherwise`."""
     if isinstance(condition, np.bool_):  # of one robot nothing need be copied
         return image if condition else otherwise

@@ -12,7 +12,7 @@ from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.controller.compensation import Compensation
 from saltus.controller.estimator import Estimator, EstimatorState
-from saltus.controller.gait import GaitSignal, standing
+from saltus.controller.gait import GaitSignal, standing_gait
 from saltus.controller.leg_controller import LawState, LegController
 from saltus.controller.yaw_frame import CentroidalReference, reference_of
 from saltus.effects.chain import ActuatorChain
@@ -22,7 +22,7 @@ from saltus.setup import Setup
 from saltus.sim.batch_plant import BatchPlant
 from saltus.sim.plant_state import PlantState
 from saltus.states import ProprioceptionArrays, states_of
-from saltus.trial import strengthened
+from saltus.trial import strengthen_drives
 from saltus.wire.messages import ControllerMode
 
 
@@ -71,7 +71,7 @@ class Body:
             len(setups),
             friction=friction,
             payload_kg=payload,
-            chain=ActuatorChain(strengthened(profile.actuator, strength[:, None])),
+            chain=ActuatorChain(strengthen_drives(profile.actuator, strength[:, None])),
             body=profile.body_chain,
             imu=profile.imu_chain,
             threads=threads,
@@ -84,7 +84,7 @@ class Body:
         self._blank = self.state = BodyState(
             law=self._law.init(batch, zero),
             estimate=self._estimator.init(batch, zero),
-            gait=standing(batch, zero),
+            gait=standing_gait(batch, zero),
         )
         """Memory besides that of the physics."""
         self.restart(np.ones(batch, dtype=np.bool_))

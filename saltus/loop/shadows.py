@@ -30,7 +30,7 @@ lead up, whose edge is in doubt: no far side of a dip. Stairs in the policy's co
 and more; far sides of their trenches are level."""
 
 
-def deepened(height: Reals, half_width: Reals, grid: HeightGrid) -> tuple[Floats, Floats]:
+def deepen_shadows(height: Reals, half_width: Reals, grid: HeightGrid) -> tuple[Floats, Floats]:
     """Heights as a cautious planner takes them, and their half-widths,
     which still reach to the given heights.
 

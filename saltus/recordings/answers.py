@@ -100,7 +100,7 @@ class AnswerComparison:
             counts.equal += 1
             return
         counts.differ += 1
-        old = codec.decode(type(message), before)
+        old = codec.decode_message(type(message), before)
         for name in (f.name for f in fields(message)):
             place, was, now, apart = _changed(name, getattr(old, name), getattr(message, name))
             if place:

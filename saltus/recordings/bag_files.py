@@ -54,7 +54,7 @@ def reading(path: Path, kind: str) -> Iterator[None]:
 
 
 @contextmanager
-def opened(path: Path, kind: str = "recording of ROS") -> Iterator[AnyReader]:
+def open_bag(path: Path, kind: str = "recording of ROS") -> Iterator[AnyReader]:
     """A reader of a bag.
 
     Args:

@@ -16,7 +16,7 @@ from saltus.arrays import Floats
 from saltus.depth import NOTHING
 from saltus.errors import MessageError, RecordingError
 from saltus.files import ARCHIVE_MAX
-from saltus.recordings.ros_images import millimetres, pixels_of
+from saltus.recordings.ros_images import pixels_in_millimetres, pixels_of
 from saltus.wire.ros_types import (
     AnyRosImage,
     RosImu,
@@ -42,7 +42,7 @@ class BagMessage:
 BagMessages = Sequence[BagMessage]
 
 
-def receive(
+def receive_messages(
     reader: AnyReader,
     path: Path,
     chosen: dict[str, str],
@@ -125,7 +125,7 @@ class _Images:
     def kept(self, image: AnyRosImage) -> NDArray[np.uint16] | None:
         """Pixels in whole millimetres; None for an image that cannot be read."""
         try:
-            pixels = _measured(millimetres(pixels_of(image), self._unit_m))
+            pixels = _measured(pixels_in_millimetres(pixels_of(image), self._unit_m))
         except MessageError as error:
             self._refused[str(error)] += 1
             return None

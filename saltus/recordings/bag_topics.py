@@ -6,7 +6,7 @@ from typing import Any
 
 from rosbags.highlevel import AnyReader
 
-from saltus.errors import RecordingError, nearest_hint, shortened
+from saltus.errors import RecordingError, nearest_hint, shorten_names
 from saltus.recordings.recording_description import BagTopics
 from saltus.recordings.ros_images import (
     COMPRESSED,
@@ -30,7 +30,7 @@ COMMANDS = ("q_des", "dq_des", "tau_ff")
 """Signals that commands bring."""
 
 
-def choose(
+def choose_topics(
     reader: AnyReader, path: Path, topics: BagTopics, left_out: Collection[str], notes: list[str]
 ) -> dict[str, str]:
     """The topic of each part that is there and wanted; notes say what is passed over.
@@ -108,7 +108,7 @@ def _of_depth(
         f"{topic} ({encoding_text(image)})" for topic, image in firsts.items() if topic not in depth
     ]
     if others:
-        notes.append(f"no depth, and left out: {shortened(others)}")
+        notes.append(f"no depth, and left out: {shorten_names(others)}")
     return [
         topic for topic in depth if base_topic(topic) == topic or base_topic(topic) not in depth
     ]
@@ -136,7 +136,7 @@ def _of_camera(
     }
     free = [topic for topic in candidates if folder_of(topic) not in images]
     if not free:
-        told = f"{shortened(sorted(candidates))} stand beside other images"
+        told = f"{shorten_names(sorted(candidates))} stand beside other images"
         notes.append(
             f"no camera_info of {depth}: {told}; name one with --topics.camera_info, or say fx ... "
             "in [claims.camera]"
@@ -163,5 +163,5 @@ def _without_joints(path: Path, types: dict[str, str]) -> RecordingError:
             f"`saltus render fit {path}` fits the camera's errors to them"
         )
     return RecordingError(
-        f"{path} holds no {TYPES['joints'][0]}; it has: {shortened(sorted(types))}"
+        f"{path} holds no {TYPES['joints'][0]}; it has: {shorten_names(sorted(types))}"
     )

@@ -13,7 +13,7 @@ from saltus.errors import RecordingError
 from saltus.interrupts import WHOLE
 from saltus.recordings.indexed_writer import IndexedWriter
 from saltus.recordings.recorder import CHUNK_BYTES, FLUSH_S, PROFILE
-from saltus.recordings.ros_messages import definition_of
+from saltus.recordings.ros_messages import stored_definition
 
 LIBRARY = "saltus-cdr"
 """Writer of these files; those of runs of Saltus are told by another name."""
@@ -49,7 +49,7 @@ class CdrLog:
             topic: self._writer.register_channel(
                 topic,
                 "cdr",
-                self._writer.register_schema(kind, "ros2msg", definition_of(kind).encode()),
+                self._writer.register_schema(kind, "ros2msg", stored_definition(kind).encode()),
                 {},
             )
             for topic, kind in types.items()

@@ -34,7 +34,7 @@ class ChunkRow(NamedTuple):
     payload: bytes
 
 
-def rows(chunk: Chunk, channels: Container[int]) -> Iterator[ChunkRow]:
+def chunk_rows(chunk: Chunk, channels: Container[int]) -> Iterator[ChunkRow]:
     """The messages of a sound chunk on some channels, in order.
 
     Others are stepped over: to make an object of each record, as mcap's reader does, takes ten
@@ -89,7 +89,7 @@ def torn_chunk(end_of_file: bytes) -> Chunk:
 
 def _check_lengths(data: bytes) -> None:
     """Refuses records that do not lie end to end:
-    mcap's reader believes the length of few, `rows` that of all.
+    mcap's reader believes the length of few, `chunk_rows` that of all.
     """
     start = 0
     while start < len(data):

@@ -14,9 +14,9 @@ import numpy as np
 import zstandard
 from rosbags.highlevel import AnyReader
 
-from saltus.errors import MessageError, RecordingError, shortened
-from saltus.recordings.bag_files import opened
-from saltus.recordings.ros_images import PixelIntrinsics, intrinsics, pixels_of
+from saltus.errors import MessageError, RecordingError, shorten_names
+from saltus.recordings.bag_files import open_bag
+from saltus.recordings.ros_images import PixelIntrinsics, pixels_of, ros_intrinsics
 from saltus.wire.depth_codec import CENTRE_MAX_PX, DEPTH_UNIT_MAX_M, FOCAL_MAX_PX
 from saltus.wire.messages import DepthFrame
 
@@ -52,7 +52,7 @@ def read_realsense(path: Path) -> Iterator[DepthFrame]:
     """
     if not path.is_file():
         raise RecordingError(f"cannot read the RealSense recording {path}: there is no such file")
-    with opened(path, "RealSense recording") as reader:
+    with open_bag(path, "RealSense recording") as reader:
         yield from _frames(reader, path)
 
 
@@ -61,7 +61,7 @@ def _frames(reader: AnyReader, path: Path) -> Iterator[DepthFrame]:
         c for c in reader.connections if c.topic.endswith(_IMAGE) and "/Depth_" in c.topic
     ]
     if not connections:
-        there = shortened(sorted({c.topic for c in reader.connections}))
+        there = shorten_names(sorted({c.topic for c in reader.connections}))
         raise RecordingError(f"{path} holds no depth stream; it has: {there}")
     camera = _camera(reader, path, connections[0].topic.removesuffix(_IMAGE))
     for frame_id, (connection, _, raw) in enumerate(reader.messages(connections[:1])):
@@ -108,7 +108,7 @@ def _camera(reader: AnyReader, path: Path, stream: str) -> _Camera:
             )
         else:
             width, height = int(info.width), int(info.height)
-            lens = intrinsics(info, width, height, rectified=False)
+            lens = ros_intrinsics(info, width, height, rectified=False)
     except (MessageError, ValueError, KeyError) as error:
         raise RecordingError(
             f"{path}: its intrinsics or its depth unit cannot be read: {error}"

@@ -31,14 +31,14 @@ from saltus.clock import RunClock
 from saltus.config import RunConfig
 from saltus.errors import MessageError, RecordingError
 from saltus.interrupts import WHOLE
-from saltus.provenance import commit, package_version
+from saltus.provenance import current_commit, package_version
 from saltus.recordings.indexed_writer import IndexedWriter
-from saltus.recordings.ros_messages import definition_of
+from saltus.recordings.ros_messages import stored_definition
 from saltus.recordings.viewer import Viewer
 from saltus.setup import Setup
-from saltus.used_networks import models_of
+from saltus.used_networks import network_names
 from saltus.wire import codec
-from saltus.wire.bus import RawSample, Stream, topic_of, unpack
+from saltus.wire.bus import RawSample, Stream, topic_of, unpack_sample
 from saltus.wire.codec import Envelope
 from saltus.wire.messages import GroundTruth, Message, RobotState
 from saltus.wire.schemas import TYPE_NAME
@@ -107,7 +107,7 @@ class Recorder:
         if topic is None:
             return
         try:
-            envelope, message = unpack(topic, raw)
+            envelope, message = unpack_sample(topic, raw)
         except MessageError as error:
             self.rejected[f"{topic.name}/{error.reason}"] += 1
             return
@@ -210,7 +210,7 @@ class Recorder:
 
     def _schema(self, type_name: str) -> int:
         if type_name not in self._schemas:
-            text = definition_of(type_name).encode()
+            text = stored_definition(type_name).encode()
             self._schemas[type_name] = self._writer.register_schema(type_name, "ros2msg", text)
         return self._schemas[type_name]
 
@@ -250,8 +250,8 @@ def describe(run_config: RunConfig, setup: Setup) -> dict[str, str]:
         "config": config.to_toml(run_config),
         **{part.name: getattr(setup, part.name).to_toml() for part in fields(setup)},
         "seed": str(run_config.seed),
-        "models": json.dumps(models_of(run_config)),
-        "commit": commit(),
+        "models": json.dumps(network_names(run_config)),
+        "commit": current_commit(),
         "versions": json.dumps({name: package_version(name) for name in PACKAGES}),
         "python": platform.python_version(),
     }

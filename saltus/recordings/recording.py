@@ -19,7 +19,7 @@ from saltus.depth_camera import DepthCamera, load_camera
 from saltus.effects.profile import Profile, load_profile
 from saltus.errors import MessageError, RecordingError
 from saltus.grid import HeightGrid, load_grid
-from saltus.recordings.chunks import ChunkRow, rows
+from saltus.recordings.chunks import ChunkRow, chunk_rows
 from saltus.recordings.recorded_file import RecordedFile
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
@@ -160,7 +160,7 @@ class Recording(RecordedFile):
             row = topic_of(key)
             assert row is not None  # noqa: S101 - these are rows of the table only
             try:
-                yield arrival_ns, envelope, codec.decode(row.message, payload)
+                yield arrival_ns, envelope, codec.decode_message(row.message, payload)
             except MessageError as error:
                 raise RecordingError(
                     f"{self.path}: {topic} was written by another version: {error}"
@@ -224,7 +224,7 @@ class Recording(RecordedFile):
                 if topic_of(sender[0]) is not None
             }
             self._unpacked[number] = [
-                self._arrival(row, *wanted[row.channel]) for row in rows(chunk, wanted)
+                self._arrival(row, *wanted[row.channel]) for row in chunk_rows(chunk, wanted)
             ]
         return self._unpacked[number]
 
@@ -238,7 +238,10 @@ class Recording(RecordedFile):
                 continue
             written, known = (
                 _fields(text)
-                for text in (schema.data.decode(errors="replace"), cdr.definition_of(schema.name))
+                for text in (
+                    schema.data.decode(errors="replace"),
+                    cdr.ros2msg_definition(schema.name),
+                )
             )
             if written != known and self._former_of(channel) is None:
                 other = next((line for line in written if line not in known), "fewer fields")
@@ -287,7 +290,7 @@ class Recording(RecordedFile):
             for number, channel in self._channels_of(topic).items()
         }
         for chunk in self.chunks:
-            for row in rows(chunk, wanted):
+            for row in chunk_rows(chunk, wanted):
                 yield self._arrival(row, *wanted[row.channel])
 
     def _arrival(self, row: ChunkRow, key: str, boot_id: bytes) -> RecordedMessage:

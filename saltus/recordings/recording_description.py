@@ -5,10 +5,10 @@ of others does not say of itself (docs/tutorials/log.md).
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
-from saltus.flags import shown
+from saltus.flags import flag_help
 from saltus.recordings.log_units import Units
 
-TopicName = Annotated[str | None, shown("TOPIC", "the only one of its type")]
+TopicName = Annotated[str | None, flag_help("TOPIC", "the only one of its type")]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,7 +14,7 @@ from saltus.recordings.recorder import CHUNK_BYTES, LIBRARY, LOST, METADATA, MET
 from saltus.recordings.recording import Recording, read_recording
 
 
-def repair(path: Path, out: Path) -> Recording:
+def repair_recording(path: Path, out: Path) -> Recording:
     """Writes the sound part of a recording to `out`; what was lost is said in it.
 
     Returns:

@@ -13,9 +13,9 @@ import plotly.graph_objects as go
 from saltus.arrays import Floats
 from saltus.config import RunConfig, to_toml
 from saltus.constants import LOADED_N
-from saltus.provenance import commit
+from saltus.provenance import current_commit
 from saltus.recordings.recording import Recording
-from saltus.recordings.summary import UNDER_WAY, RunSummary, shown
+from saltus.recordings.summary import UNDER_WAY, RunSummary, number_text
 from saltus.reports.figures import (
     BLUE,
     GREEN,
@@ -26,7 +26,7 @@ from saltus.reports.figures import (
     ground_figure,
     laid_out,
 )
-from saltus.reports.page import render, write_page
+from saltus.reports.page import render_page, write_page
 from saltus.robots.robot import LEGS
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.terrain.terrain import Terrain
@@ -93,7 +93,7 @@ class ScanSection:
         )
 
 
-def collect(recording: Recording) -> RunData:
+def join_by_step(recording: Recording) -> RunData:
     """Joins the messages of a recording by step."""
     states = {m.step: m for m in recording.of(RobotState)}
     truths = {m.step: m for m in recording.of(GroundTruth)}
@@ -111,7 +111,7 @@ def collect(recording: Recording) -> RunData:
     )
 
 
-def write_report(
+def write_run_report(
     recording: Recording, summary: RunSummary, path: Path, video: Path | None = None,
     scan: ScanSection | None = None,
 ) -> None:  # fmt: skip
@@ -120,15 +120,15 @@ def write_report(
     It shows the video, which may be yet to be written, and the heights of a scan, if any.
     """
     config = recording.known_config
-    data = collect(recording)
+    data = join_by_step(recording)
     scheduled = np.array([state.leg_contact for state in data.states], dtype=bool).reshape(-1, 4)
     loaded = np.array([truth.foot_force for truth in data.truths]).reshape(-1, 4) > LOADED_N
-    text = render(
+    text = render_page(
         __file__,
         recording=recording,
         summary=summary,
         headline=_headline(summary, recording.terrain, config),
-        shown=shown,
+        shown=number_text,
         beside=lambda file: quote(os.path.relpath(file, path.parent)),
         video=video,
         scan=scan,
@@ -166,7 +166,7 @@ def write_report(
             # of two senders the later may arrive first
             for event in sorted(recording.of(Event), key=lambda event: event.time_ns)
         ],
-        commit=commit(),
+        commit=current_commit(),
         config=to_toml(config),
     )
     write_page(path, text)
@@ -180,9 +180,8 @@ def _headline(summary: RunSummary, terrain: Terrain, config: RunConfig) -> str:
         return (
             f"Crossed {where} in {summary.time_s:.2f} s at {summary.mean_speed_mps:.2f} m/s; {run}"
         )
-    return (
-        f"Did not cross {where}: {summary.explanation}; {shown(summary.distance_m, 2, 'm')}, {run}"
-    )
+    way = number_text(summary.distance_m, 2, "m")
+    return f"Did not cross {where}: {summary.explanation}; {way}, {run}"
 
 
 def course_title(terrain: Terrain) -> str:

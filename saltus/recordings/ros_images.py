@@ -107,7 +107,7 @@ def pixels_of(image: AnyRosImage) -> AnyArray:
     return np.ascontiguousarray(rows).view(kind).astype(kind.newbyteorder("="), copy=False)
 
 
-def millimetres(pixels: AnyArray, unit_m: float | None = None) -> NDArray[np.uint16]:
+def pixels_in_millimetres(pixels: AnyArray, unit_m: float | None = None) -> NDArray[np.uint16]:
     """Whole millimetres of pixels: 0 where there is no depth,
     `NOTHING` where nothing is within range (REP 118).
 
@@ -173,7 +173,9 @@ class PixelIntrinsics:
     cy: float
 
 
-def intrinsics(info: RosCameraInfo, width: int, height: int, *, rectified: bool) -> PixelIntrinsics:
+def ros_intrinsics(
+    info: RosCameraInfo, width: int, height: int, *, rectified: bool
+) -> PixelIntrinsics:
     """The camera of images of a size, out of a `sensor_msgs/msg/CameraInfo` of ROS 1 or 2.
 
     Rectified images have the projection P, others the matrix K. Both are of the whole sensor;

@@ -16,7 +16,7 @@ from saltus.constants import NORMAL_90
 from saltus.errors import MessageError
 from saltus.rotations import quaternion_from_roll_pitch_yaw, quaternion_product, rotation_matrix
 from saltus.wire import cdr, codec
-from saltus.wire.cdr import header
+from saltus.wire.cdr import make_ros_header
 from saltus.wire.messages import Heightmap, HeightmapStatus, RobotState, points_of
 from saltus.wire.ros_types import RosHeader, RosMessage, RosQuaternion, RosTime, RosVector
 from saltus.wire.schemas import TYPE_NAME
@@ -70,10 +70,10 @@ USABLE = (HeightmapStatus.OK, HeightmapStatus.DEGRADED)
 Rgba = tuple[float, float, float, float]
 
 
-def definition_of(type_name: str) -> str:
+def stored_definition(type_name: str) -> str:
     """The `ros2msg` schema text of a type with all that it contains."""
     if type_name in TYPE_NAME.values():
-        return cdr.definition_of(type_name)
+        return cdr.ros2msg_definition(type_name)
     return STORE.generate_msgdef(type_name, ros_version=2)[0]
 
 
@@ -110,7 +110,7 @@ def _kind(description: tuple[Nodetype, Any]) -> tuple[str, object]:
     return ("array" if node == Nodetype.ARRAY else "sequence"), (_kind(what[0]), what[1])
 
 
-def decode(type_name: str, payload: bytes) -> Any:
+def decode_ros_message(type_name: str, payload: bytes) -> Any:
     """Reads a message of `STORE` from a stranger's bytes; `MessageError` where they are none."""
     if not CDR_HEADER <= len(payload) <= codec.PAYLOAD_MAX:
         raise MessageError("size", f"{len(payload)} bytes")
@@ -179,7 +179,7 @@ def joint_state(time_ns: int, names: Sequence[str], state: RobotState) -> RosMes
     )
     position, velocity, effort = values
     return make(
-        "sensor_msgs/msg/JointState", header=header(time_ns, ""), name=list(names),
+        "sensor_msgs/msg/JointState", header=make_ros_header(time_ns, ""), name=list(names),
         position=position,
         velocity=velocity, effort=effort,
     )  # fmt: skip
@@ -199,7 +199,7 @@ def odometry(time_ns: int, base: str, position: Floats, state: RobotState) -> Ro
         angular=vector(state.angular_velocity_base),
     )
     return make(
-        "nav_msgs/msg/Odometry", header=header(time_ns, ODOM), child_frame_id=base,
+        "nav_msgs/msg/Odometry", header=make_ros_header(time_ns, ODOM), child_frame_id=base,
         pose=make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
         twist=make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=np.zeros(36)),
     )  # fmt: skip
@@ -223,10 +223,9 @@ def points(time_ns: int, frame: str, **columns: ArrayLike) -> RosMessage:
     fields = [field(name, 4 * i, FLOAT32, 1) for i, name in enumerate(columns)]
     data = table.reshape(-1).view(np.uint8)
     return make(
-        "sensor_msgs/msg/PointCloud2", header=header(time_ns, frame), height=1, width=len(table),
-        fields=fields,
-        is_bigendian=False, point_step=4 * len(fields), row_step=data.size, data=data,
-        is_dense=bool(np.isfinite(table).all()),
+        "sensor_msgs/msg/PointCloud2", header=make_ros_header(time_ns, frame), height=1,
+        width=len(table), fields=fields, is_bigendian=False, point_step=4 * len(fields),
+        row_step=data.size, data=data, is_dense=bool(np.isfinite(table).all()),
     )  # fmt: skip
 
 
@@ -272,7 +271,7 @@ def grid_map(heightmap: Heightmap) -> RosMessage:
     tables = [np.asarray(values, np.float64).reshape(shape) for values in layers.values()]
     return make(
         "grid_map_msgs/msg/GridMap",
-        header=header(heightmap.time_ns, BASE_YAW),
+        header=make_ros_header(heightmap.time_ns, BASE_YAW),
         info=make(
             "grid_map_msgs/msg/GridMapInfo", resolution=resolution, length_x=resolution * len(x),
             length_y=resolution * len(y),
@@ -332,13 +331,13 @@ def marker(
     nothing = kind in (LINE_LIST, SPHERE_LIST) and not len(places)
     image = make(
         "sensor_msgs/msg/CompressedImage",
-        header=header(0, ""),
+        header=make_ros_header(0, ""),
         format="",
         data=np.zeros(0, np.uint8),
     )
     return make(
         "visualization_msgs/msg/Marker",
-        header=header(time_ns, frame), ns=name, id=number, type=kind,
+        header=make_ros_header(time_ns, frame), ns=name, id=number, type=kind,
         action=DELETE if nothing else ADD,
         pose=make("geometry_msgs/msg/Pose", position=point(position), orientation=quaternion(wxyz)),
         scale=vector(scale),

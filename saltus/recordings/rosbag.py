@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.errors import MessageError, RecordingError
-from saltus.recordings.bag_files import opened
-from saltus.recordings.bag_messages import BagMessage, BagMessages, receive
-from saltus.recordings.bag_topics import COMMANDS, choose
+from saltus.recordings.bag_files import open_bag
+from saltus.recordings.bag_messages import BagMessage, BagMessages, receive_messages
+from saltus.recordings.bag_topics import COMMANDS, choose_topics
 from saltus.recordings.recording_description import BagTopics
-from saltus.recordings.ros_images import intrinsics, is_rectified, matrices_differ
+from saltus.recordings.ros_images import is_rectified, matrices_differ, ros_intrinsics
 from saltus.recordings.run_claims import CameraClaim, RigClaims
 from saltus.recordings.run_log import DepthTable, JointTable, LogTable, RunLog, period_of
 from saltus.rotations import rotation_matrix
@@ -52,9 +52,9 @@ def read_rosbag(
             one of several.
     """
     notes: list[str] = []
-    with opened(path) as reader:
-        chosen = choose(reader, path, topics, left_out, notes)
-        received = receive(reader, path, chosen, notes, depth_unit_m)
+    with open_bag(path) as reader:
+        chosen = choose_topics(reader, path, topics, left_out, notes)
+        received = receive_messages(reader, path, chosen, notes, depth_unit_m)
     notes.insert(0, ", ".join(f"{part} from {topic}" for part, topic in chosen.items()))
     names, joints = _joints(chosen, received, left_out, notes)
     depth = _depth(path, received.pop("depth", []), size, notes)
@@ -248,7 +248,7 @@ def _camera(
     reason = ""
     for info in infos:
         try:
-            found = intrinsics(info, width, height, rectified=is_rectified(topic))
+            found = ros_intrinsics(info, width, height, rectified=is_rectified(topic))
         except MessageError as error:
             reason = reason or str(error)
             continue

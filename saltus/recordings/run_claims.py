@@ -191,10 +191,10 @@ def check_claims(meta: Mapping[str, object]) -> None:
     _check_camera(_table(meta, "camera"))
     _check_terrain(meta.get("terrain"))
     stated_units(meta)
-    segments(meta)
+    claimed_segments(meta)
 
 
-def segments(meta: Mapping[str, object]) -> list[SegmentClaim]:
+def claimed_segments(meta: Mapping[str, object]) -> list[SegmentClaim]:
     """Segments that a log's meta.json names, beside `excitation` or within it.
 
     None if it names none.

@@ -9,7 +9,7 @@ import numpy as np
 from saltus.effects.motors import VoltageSag
 from saltus.errors import RecordingError
 from saltus.recordings.recording import Recording
-from saltus.recordings.timing import digest, rates_and_ages
+from saltus.recordings.timing import rates_and_ages, run_digest
 from saltus.robots.robot import JOINTS
 from saltus.wire.messages import (
     ControllerMode,
@@ -125,17 +125,17 @@ class RunSummary:
     rejected: dict[str, int]
 
 
-def shown(value: float, digits: int, unit: str) -> str:
+def number_text(value: float, digits: int, unit: str) -> str:
     """A number for a person; one that nothing was measured for is "unknown"."""
     return f"{value:.{digits}f} {unit}" if np.isfinite(value) else "unknown"
 
 
-def rounded(value: float, digits: int) -> str:
+def number_cell(value: float, digits: int) -> str:
     """A number in a table; "-" where there is none."""
     return f"{value:.{digits}f}" if np.isfinite(value) else "-"
 
 
-def summarise(recording: Recording) -> RunSummary:
+def summarise_run(recording: Recording) -> RunSummary:
     """Computes the summary of a run.
 
     A run that was cut off has no outcome and counts as a failure.
@@ -171,13 +171,16 @@ def summarise(recording: Recording) -> RunSummary:
     )
 
 
-def sentence(summary: RunSummary) -> str:
+def run_sentence(summary: RunSummary) -> str:
     """How a run went, for people."""
     verdict = "crossed" if summary.success else f"did not cross ({summary.explanation})"
-    way, error = shown(summary.distance_m, 2, "m"), shown(100 * summary.heightmap_mae_m, 1, "cm")
+    way, error = (
+        number_text(summary.distance_m, 2, "m"),
+        number_text(100 * summary.heightmap_mae_m, 1, "cm"),
+    )
     time = (
-        f"{shown(summary.time_s, 2, 's')} at "
-        f"{shown(summary.mean_speed_mps, 2, 'm/s')} {summary.timed}"
+        f"{number_text(summary.time_s, 2, 's')} at "
+        f"{number_text(summary.mean_speed_mps, 2, 'm/s')} {summary.timed}"
     )
     lost = f"; the recording lacks {summary.lost} messages" if summary.lost else ""
     return (
@@ -193,7 +196,7 @@ def _way(recording: Recording) -> float:
 
 def _digest(recording: Recording) -> str:
     try:
-        return digest(recording)
+        return run_digest(recording)
     except RecordingError:
         return ""
 

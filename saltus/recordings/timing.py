@@ -24,7 +24,7 @@ class TopicTiming:
     age_p99_ms: float
 
 
-def digest(recording: Recording) -> str:
+def run_digest(recording: Recording) -> str:
     """sha256 over capture time and payload of heightmaps, plans and robot states, in order.
 
     None may be missing.

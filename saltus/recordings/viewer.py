@@ -28,7 +28,7 @@ from saltus.sim.visual_shapes import looks_of
 from saltus.terrain.terrain import Terrain
 from saltus.wire import ros_types
 from saltus.wire.bus import topic_of
-from saltus.wire.cdr import header, stamp
+from saltus.wire.cdr import make_ros_header, make_ros_time
 from saltus.wire.codec import LOG_INFO
 from saltus.wire.depth_codec import depth_on_the_wire
 from saltus.wire.messages import (
@@ -192,9 +192,8 @@ class Viewer:
             yield _message(
                 "/viewer/log",
                 ros.make(
-                    EVENT_TYPE, stamp=stamp(message.time_ns), level=LOG_INFO, name=message.process,
-                    msg=text, file="",
-                    function=message.code, line=0,
+                    EVENT_TYPE, stamp=make_ros_time(message.time_ns), level=LOG_INFO,
+                    name=message.process, msg=text, file="", function=message.code, line=0,
                 ),
             )  # fmt: skip
 
@@ -231,7 +230,7 @@ class Viewer:
     def _transforms(self, body: GroundTruth | RobotState, position: ArrayLike) -> ViewerMessage:
         """Where the base is, and in one of `LEGS_EVERY` where its links are."""
         turned, time_ns = np.asarray(body.quaternion_base_in_world), body.time_ns
-        where, head = ros.vector(position), header(time_ns, WORLD)
+        where, head = ros.vector(position), make_ros_header(time_ns, WORLD)
         transforms = [
             ros.place(head, BASE, where, ros.quaternion(turned)),
             ros.place(head, BASE_YAW, where, ros.quaternion(ros.yaw_of(turned))),
@@ -297,7 +296,7 @@ class Viewer:
         legs = dict(zip(("fr", "fl", "rr", "rl"), map(float, forces), strict=True))
         return ros.make(
             NUMBERS_TYPE,
-            header=header(state.time_ns, BASE),
+            header=make_ros_header(state.time_ns, BASE),
             speed=float(np.hypot(velocity[0], velocity[1])),
             x=nan if truth is None else float(truth.position_base_in_world[0]),
             base_height=float(state.base_height),
@@ -342,7 +341,7 @@ class RobotFrames:
 
     def camera(self, time_ns: int) -> ros_types.RosMessage:
         """The camera, z along its optical axis, on the base."""
-        return ros.place(header(time_ns, self._base), CAMERA, *self._camera)
+        return ros.place(make_ros_header(time_ns, self._base), CAMERA, *self._camera)
 
     def links(self, time_ns: int, joint_position: ArrayLike) -> list[ros_types.RosMessage]:
         """The links of the legs, each in the frame of the one before it.
@@ -358,7 +357,7 @@ class RobotFrames:
                 if abduction
                 else ros.QUATERNION(0.0, sine, 0.0, cosine)
             )
-            places.append(ros.place(header(time_ns, parent), link, offset, turned))
+            places.append(ros.place(make_ros_header(time_ns, parent), link, offset, turned))
         return places
 
 

@@ -35,7 +35,7 @@ def figure(drawn: go.Figure) -> Markup:
 TEMPLATES.globals |= {"figure": figure, "plotly": PLOTLY}
 
 
-def render(module_file: str, **shown: object) -> str:
+def render_page(module_file: str, **shown: object) -> str:
     """The page of values, by the template beside a module: `module_file` is its `__file__`."""
     return template_beside(module_file).render(shown)
 

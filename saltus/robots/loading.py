@@ -41,7 +41,9 @@ def derive_robot(name_or_path: str, supplement: Path | None = None) -> "Derivati
 
     A folder's robot.toml is its supplement where none is given.
     """
-    from saltus.robots.mjcf import derive  # with MuJoCo, which flags that name a robot do not need
+    from saltus.robots.mjcf import (
+        derive_robot,  # with MuJoCo, which flags that name a robot do not need
+    )
 
     path = shipped_folder(name_or_path) if name_or_path in shipped_robots() else Path(name_or_path)
     if path.is_dir():
@@ -50,7 +52,7 @@ def derive_robot(name_or_path: str, supplement: Path | None = None) -> "Derivati
         supplement, path = supplement or path, _model_of(path)
     if path.suffix not in MODEL_SUFFIXES or not path.is_file():
         raise ConfigError(_no_robot(name_or_path, path))
-    return derive(path, supplement)
+    return derive_robot(path, supplement)
 
 
 def _no_robot(name_or_path: str, path: Path) -> str:

@@ -44,7 +44,7 @@ class Derivation:
     origins: tuple[FieldOrigin, ...]
 
 
-def derive(mjcf: Path, supplement: Path | None = None) -> Derivation:
+def derive_robot(mjcf: Path, supplement: Path | None = None) -> Derivation:
     """Derives a robot from its model, and a TOML file with fields
     of `saltus.robots.supplement.RobotSupplement`.
 

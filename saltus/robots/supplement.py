@@ -64,4 +64,4 @@ def _of_all_legs(name: str, values: tuple[float, ...]) -> tuple[float, ...]:
 
 def load_supplement(path: Path | None) -> RobotSupplement:
     """Reads such a file; an empty one where there is none. `ConfigError` names the file."""
-    return RobotSupplement() if path is None else config.load(RobotSupplement, path)
+    return RobotSupplement() if path is None else config.load_config(RobotSupplement, path)

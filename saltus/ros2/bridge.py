@@ -135,7 +135,7 @@ class RosReceiver:
         )
 
 
-def run(
+def run_bridge(
     bus: Bus,
     node: RosNode,
     sender: RosSender,

@@ -56,7 +56,7 @@ class CommandReceiver:
 
 def _velocity(payload: bytes) -> list[float]:
     """Ahead, to the left, turning, each cut off at what a command may say."""
-    twist = ros.decode(TWIST, payload)
+    twist = ros.decode_ros_message(TWIST, payload)
     asked = (twist.linear.x, twist.linear.y, twist.angular.z)
     if not all(math.isfinite(value) for value in asked):
         raise MessageError("not_finite", f"{asked}")

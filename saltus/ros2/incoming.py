@@ -19,10 +19,10 @@ from saltus.recordings import ros_messages as ros
 from saltus.recordings.log_units import check_depth_unit
 from saltus.recordings.ros_images import (
     COMPRESSED,
-    intrinsics,
     is_rectified,
-    millimetres,
+    pixels_in_millimetres,
     pixels_of,
+    ros_intrinsics,
 )
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import JOINTS, Robot
@@ -132,7 +132,7 @@ class RosIntake:
         """
         name, _, camera = kind.partition("/")
         try:
-            message = ros.decode(self.type_of(kind), payload)
+            message = ros.decode_ros_message(self.type_of(kind), payload)
             time_ns = (
                 now_ns if self._arrival else self._clock.run_ns(ros.time_of(message.header.stamp))
             )
@@ -226,10 +226,10 @@ class RosIntake:
         if pixels.dtype.kind == "u" and self._depth_unit_m is not None:
             depth, unit_m = pixels, self._depth_unit_m  # steps as they came
         else:
-            depth = millimetres(pixels, self._depth_unit_m)
+            depth = pixels_in_millimetres(pixels, self._depth_unit_m)
         info, (height, width) = self._newest[of_camera].message, depth.shape
         images = self._images[camera]
-        lens = intrinsics(info, width, height, rectified=is_rectified(images.topic))
+        lens = ros_intrinsics(info, width, height, rectified=is_rectified(images.topic))
         images.taken += 1
         return DepthFrame(
             time_ns=time_ns,

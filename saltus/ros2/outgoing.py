@@ -16,7 +16,7 @@ from saltus.recordings.viewer import RobotFrames
 from saltus.robots.robot import JOINTS, Robot
 from saltus.ros2.wall_clock import WallClock
 from saltus.rotations import quaternion_inverse, quaternion_product
-from saltus.wire.cdr import header
+from saltus.wire.cdr import make_ros_header
 from saltus.wire.depth_codec import depth_on_the_wire
 from saltus.wire.messages import DepthFrame, Heightmap, RobotState
 from saltus.wire.ros_types import RosMessage
@@ -108,14 +108,20 @@ class RosExporter:
         yaw = quaternion_product(quaternion_inverse(turned), np.asarray(ros.yaw_of(turned)))
         transforms = [
             ros.place(
-                header(time_ns, self._base), BASE_YAW, ros.vector(np.zeros(3)), ros.quaternion(yaw)
+                make_ros_header(time_ns, self._base),
+                BASE_YAW,
+                ros.vector(np.zeros(3)),
+                ros.quaternion(yaw),
             ),
             self._frames.camera(time_ns),
         ]
         if self._whole:
             position = self._way.go(state)
             where = ros.place(
-                header(time_ns, ODOM), self._base, ros.vector(position), ros.quaternion(turned)
+                make_ros_header(time_ns, ODOM),
+                self._base,
+                ros.vector(position),
+                ros.quaternion(turned),
             )
             transforms = [where, *transforms, *self._frames.links(time_ns, state.joint_position)]
             yield OutgoingRosMessage("joint_states", ros.joint_state(time_ns, list(JOINTS), state))

@@ -81,7 +81,7 @@ class ProcessContext:
     @cached_property
     def setup(self) -> Setup:
         """Returns what the run is of."""
-        return config.load(Setup, self.run_dir / SETUP_FILE)
+        return config.load_config(Setup, self.run_dir / SETUP_FILE)
 
     def ready(self) -> None:
         """Says that everything is loaded and subscribed; nothing is reported before.

@@ -38,7 +38,7 @@ OPERATOR = Program(name="operator", module="saltus.drive", restart=True)
 """Gives the commands of a run that has a script of them."""
 
 
-def scan(grid: str) -> Program:
+def scan_program(grid: str) -> Program:
     """The heights of a grid beside those that the planner is given; nobody waits for them."""
     return Program(
         name="scan", module="saltus.heightmap", restart=True, arguments=("--beside", "--grid", grid)

@@ -39,7 +39,7 @@ def body_of(name: str) -> Callable[..., None]:
     return body
 
 
-def replay(
+def replay_process(
     name: str,
     recording: Recording,
     said: Callable[[ReplayedMessage], None],
@@ -166,7 +166,7 @@ class _Publisher:
 
     def put(self, message: Message) -> None:
         """Encodes it, as it would have been sent."""
-        self._said(ReplayedMessage(self._key, message, codec.encode(message)))
+        self._said(ReplayedMessage(self._key, message, codec.encode_message(message)))
 
 
 class _Context(ProcessContext):

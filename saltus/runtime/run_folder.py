@@ -37,7 +37,9 @@ def read_run(run_dir: Path) -> RunFolder:
     Raises:
         ConfigError: one cannot be read.
     """
-    return RunFolder(config=read_config(run_dir), setup=config.load(Setup, run_dir / SETUP_FILE))
+    return RunFolder(
+        config=read_config(run_dir), setup=config.load_config(Setup, run_dir / SETUP_FILE)
+    )
 
 
 def read_config(run_dir: Path) -> RunConfig:
@@ -53,7 +55,7 @@ def read_config(run_dir: Path) -> RunConfig:
             "demo or router, or "
             f"start one, e.g. saltus router --out {run_dir}"
         )
-    return config.load(RunConfig, path)
+    return config.load_config(RunConfig, path)
 
 
 def endpoint_of(run_dir: Path) -> str:

@@ -32,7 +32,7 @@ from saltus.runtime.real_time import RealTimeFactor, RealTimeMonitor
 from saltus.runtime.run_folder import CLIENT_FILE, write_run
 from saltus.runtime.run_recorder import RunRecorder
 from saltus.tuning import kept_small, prefer_this_thread
-from saltus.wire.bus import Latest, Publisher, RawSample, Stream, sender_of, unpack
+from saltus.wire.bus import Latest, Publisher, RawSample, Stream, sender_of, unpack_sample
 from saltus.wire.codec import Envelope
 from saltus.wire.joining import write_client
 from saltus.wire.messages import OPERATOR, SUPERVISOR, Event, Message, ProcessStatus
@@ -389,6 +389,6 @@ class Stack:
 def _said(topic: str, raw: RawSample) -> tuple[Envelope, Message] | tuple[None, None]:
     """A sample as it was sent; None where it is malformed, which the recorder counts."""
     try:
-        return unpack(TOPICS[topic], raw)
+        return unpack_sample(TOPICS[topic], raw)
     except MessageError:
         return None, None

@@ -41,7 +41,7 @@ CHECKER_M = 0.25  # side of a square of the ground's pattern [m]
 STRIP_M = 0.012  # half-width of the bright strip along an edge [m]
 
 
-def decorate(spec: mujoco.MjSpec, robot: Robot, terrain: Terrain) -> None:
+def add_looks(spec: mujoco.MjSpec, robot: Robot, terrain: Terrain) -> None:
     """Adds looks to what `robot_model.build_spec` made of both.
 
     Draw the groups of terrain and visual shapes only.

@@ -5,7 +5,7 @@ import numpy as np
 
 from saltus.arrays import Array
 from saltus.robots.robot import Robot
-from saltus.sim.engine import TOUCHING, Engine, build_spec
+from saltus.sim.engine import TOUCHING, Engine, build_engine_spec
 from saltus.sim.mujoco_batch import MujocoBatch
 
 
@@ -40,7 +40,7 @@ class CpuEngine(MujocoBatch, Engine):
 
 
 def _with_contact_sensors(robot: Robot, boxes: int, dimensions: int) -> mujoco.MjModel:
-    spec = build_spec(robot, boxes, dimensions)
+    spec = build_engine_spec(robot, boxes, dimensions)
     # The boxes change; the middle phase looks boxes that do not move up in a tree made from the
     # first ones.
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE

@@ -17,7 +17,7 @@ from saltus.effects.signal_chain import chosen_of
 from saltus.joint_command import JointCommand
 from saltus.robots.robot import Robot
 from saltus.sim import robot_model
-from saltus.sim.plant_state import PlantState, sensed
+from saltus.sim.plant_state import PlantState, sensor_arrays
 from saltus.states import SensorArrays
 
 DrivenMotion = tuple[float | Floats, Floats, Floats, Floats, Floats, Floats, Floats]
@@ -62,7 +62,7 @@ class DrivenRobots(ABC):
     @property
     def sensed(self) -> SensorArrays:
         """Returns what IMU and encoders report now."""
-        return sensed(self._state, self._reading)
+        return sensor_arrays(self._state, self._reading)
 
     def step(self, command: JointCommand) -> PlantState:
         """Advances by `PHYSICS_DT`; returns the state at the end of it.

@@ -86,7 +86,7 @@ class Engine(ABC):
         """
 
 
-def build_spec(robot: Robot, boxes: int, dimensions: int) -> mujoco.MjSpec:
+def build_engine_spec(robot: Robot, boxes: int, dimensions: int) -> mujoco.MjSpec:
     """The robot of `robot_model.build_spec` with `boxes` terrain boxes,
     a trunk that is not solid and no force sensors.
     """

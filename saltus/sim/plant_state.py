@@ -44,7 +44,7 @@ class PlantState:
     """True where trunk, payload or a hip touched the terrain in the last step, shape ()."""
 
 
-def sensed(state: PlantState, imu: ImuReading) -> SensorArrays:
+def sensor_arrays(state: PlantState, imu: ImuReading) -> SensorArrays:
     """Readings of the robots' IMUs and encoders."""
     return SensorArrays(
         **vars(imu), joint_position=state.joint_position, joint_velocity=state.joint_velocity

@@ -18,7 +18,7 @@ from saltus.grid import HeightGrid
 from saltus.robots.robot import LEGS, Robot
 from saltus.rotations import roll_pitch_yaw, rotation_matrix, yaw_rotation
 from saltus.sim import robot_model
-from saltus.sim.appearance import decorate
+from saltus.sim.appearance import add_looks
 from saltus.sim.osmesa import drawing_context, read_pixels
 from saltus.sim.plant import standing_pose
 from saltus.terrain import level
@@ -214,7 +214,7 @@ def render_run(
             )
 
 
-def snapshots(
+def render_snapshots(
     robot: Robot,
     terrain: Terrain,
     base_pose: Floats,
@@ -279,7 +279,7 @@ def test_frame(robot: Robot, grid: HeightGrid) -> Frame:
 
 def _model(robot: Robot, terrain: Terrain) -> mujoco.MjModel:
     spec = robot_model.build_spec(robot, terrain)
-    decorate(spec, robot, terrain)
+    add_looks(spec, robot, terrain)
     spec.visual.quality.offsamples = 0
     # Round enough at this size
     spec.visual.quality.numslices, spec.visual.quality.numstacks = (

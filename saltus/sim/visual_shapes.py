@@ -14,7 +14,7 @@ from saltus.arrays import Floats
 from saltus.robots.robot import Robot
 from saltus.rotations import quaternion_inverse, quaternion_product
 from saltus.sim import robot_model
-from saltus.sim.appearance import decorate
+from saltus.sim.appearance import add_looks
 from saltus.terrain import flat
 from saltus.terrain.boxes import Boxes
 from saltus.terrain.terrain import Terrain
@@ -60,7 +60,7 @@ class RobotShapes:
 
     def __init__(self, robot: Robot, terrain: Terrain) -> None:
         spec = robot_model.build_spec(robot, terrain)
-        decorate(spec, robot, terrain)
+        add_looks(spec, robot, terrain)
         self._model = spec.compile()
         self._data = mujoco.MjData(self._model)
         self._seen = np.flatnonzero(

@@ -9,7 +9,7 @@ import warp
 from saltus.arrays import Array, namespace
 from saltus.effects.body import BodyModel
 from saltus.robots.robot import Robot
-from saltus.sim.engine import TOUCHING, Engine, build_spec
+from saltus.sim.engine import TOUCHING, Engine, build_engine_spec
 from saltus.sim.model_layout import ModelLayout
 from saltus.terrain.boxes import Boxes
 
@@ -58,7 +58,7 @@ class WarpEngine(Engine):
         self.robot, self.count, self.boxes, self.device = robot, count, boxes, device
         self.dimensions = dimensions
         warp.config.log_level = warp.LOG_WARNING
-        spec = build_spec(robot, boxes, dimensions)
+        spec = build_engine_spec(robot, boxes, dimensions)
         spec.option.disableflags = (
             0  # mujoco_warp has neither of the two that the scene switches off
         )

@@ -12,7 +12,14 @@ import math
 import numpy as np
 
 from saltus.terrain.boxes import Box
-from saltus.terrain.terrain import FIRST_EDGE_X, GROUND_START_X, RUN_OUT, WIDTH, Terrain, across
+from saltus.terrain.terrain import (
+    FIRST_EDGE_X,
+    GROUND_START_X,
+    RUN_OUT,
+    WIDTH,
+    Terrain,
+    boxes_across,
+)
 
 BOXES = 12
 """At most.
@@ -62,14 +69,14 @@ def _ground(rng: np.random.Generator) -> tuple[Box, ...]:
     """As wide as that of a course: the ground where robots start, ledges, the floor."""
     length = FINISH_X + RUN_OUT
     if rng.uniform() >= ENDS:
-        return across([GROUND_START_X, length], [0.0])
+        return boxes_across([GROUND_START_X, length], [0.0])
     x = _spread(rng, EDGE_X)
-    boxes = list(across([GROUND_START_X, x], [0.0]))
+    boxes = list(boxes_across([GROUND_START_X, x], [0.0]))
     for _ in range(int(rng.integers(LEDGES + 1))):
         until, top, other = x + _spread(rng, LEDGE_M), -rng.uniform(*DROP_M), -rng.uniform(*DROP_M)
         boxes.append(Box.ramp((x, top), (until, other if rng.uniform() < LEANS else top), WIDTH))
         x = until
-    return (*boxes, *across([x, x + length], [-rng.uniform(*DROP_M)]))
+    return (*boxes, *boxes_across([x, x + length], [-rng.uniform(*DROP_M)]))
 
 
 def _thing(rng: np.random.Generator, highest: float, ground: Terrain) -> Box:

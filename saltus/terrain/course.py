@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from saltus.config import TomlValue, check_between, from_table, load, read_file, read_toml
+from saltus.config import TomlValue, check_between, from_table, load_config, read_file, read_toml
 from saltus.errors import ConfigError
 from saltus.terrain.course_segments import CourseSegment, Level, RandomSizes, segment_of
 from saltus.terrain.course_way import CourseWay
@@ -109,7 +109,7 @@ class CourseFamily:
         `ConfigError` names the file.
         """
         draws = RandomSizes(rng, 1.0 if difficulty is None else difficulty)
-        terrain = load(Course, self.file).terrain(draws)
+        terrain = load_config(Course, self.file).terrain(draws)
         return (
             terrain if difficulty is None else replace(terrain, params={"difficulty": difficulty})
         )

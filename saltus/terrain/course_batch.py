@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from saltus.arrays import Array, ColumnNames, Points, Scalars, Steps, namespace
 from saltus.terrain.boxes import Boxes
-from saltus.terrain.course_law import DESCENDING, KINDS, between, is_kind, shape
+from saltus.terrain.course_law import DESCENDING, KINDS, course_shape, is_kind, scale_draw
 from saltus.terrain.course_table import OwnCourses
 from saltus.terrain.curriculum import FAMILIES, FamilySize
 from saltus.terrain.terrain import TRENCH_DEPTH, WIDTH
@@ -111,7 +111,7 @@ def draw_courses(kind: Array, difficulty: Array, draws: Array) -> CourseBatch:
         draws: Uniform in [0, 1), shape (n, DRAWS.count).
     """
     xp, drawn = namespace(draws), DRAWS.of(draws)
-    start = between(FIRST_EDGE_X, drawn.start)
+    start = scale_draw(FIRST_EDGE_X, drawn.start)
     one, zero = xp.ones_like(start), xp.zeros_like(start)
     count = _chosen(kind, start, [float(REPEATS[name]) for name in KINDS])
     low, high = (
@@ -123,13 +123,15 @@ def draw_courses(kind: Array, difficulty: Array, draws: Array) -> CourseBatch:
     )
     # Half of the courses of stones have trenches of one width.
     differ = is_kind(kind, "stepping_stones") & (drawn.differ < 0.5)
-    made = shape(
+    made = course_shape(
         kind,
         count=count,
         rise=xp.where(leads_down, -rise, rise),
         length=low + (high - low) * drawn.length,
         gap=(xp.where(differ, _SMALLEST_GAP_SHARE * one, one) * gap, gap),
-        depth=xp.where(is_kind(kind, "ditch"), between(DITCH_M, drawn.depth), zero + TRENCH_DEPTH),
+        depth=xp.where(
+            is_kind(kind, "ditch"), scale_draw(DITCH_M, drawn.depth), zero + TRENCH_DEPTH
+        ),
         draws=drawn.columns,
     )
     index = xp.cumulative_sum(xp.ones_like(made.top), axis=-1) - 1.0  # (n, COLUMNS): 0, 1, 2, ...
@@ -159,7 +161,7 @@ def draw_courses(kind: Array, difficulty: Array, draws: Array) -> CourseBatch:
     )
 
 
-def descends(kind: Array) -> Array:
+def may_lead_down(kind: Array) -> Array:
     """Which robots are on a kind of terrain that may lead down, bool, shape (n,)."""
     return is_kind(kind, *DESCENDING)
 

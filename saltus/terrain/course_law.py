@@ -46,7 +46,7 @@ HURDLE_M = 0.05  # thickness of a hurdle along x
 _FINE = 1024.0
 
 
-def shape(
+def course_shape(
     kind: Array,
     *,
     count: Array,
@@ -78,12 +78,12 @@ def shape(
     of_rises, of_gaps = draws, draws  # irregular stairs have no trenches
     # The lower digits of a uniform number are another one
     of_treads = _FINE * draws - xp.floor(_FINE * draws)
-    along = xp.where(is_irregular, between(IRREGULAR_RUN_M, of_treads), length[:, None] + zero)
+    along = xp.where(is_irregular, scale_draw(IRREGULAR_RUN_M, of_treads), length[:, None] + zero)
     wall = index - 2.0 * xp.floor(0.5 * index)
     half = 0.5 * count[:, None]
     steps = xp.where(is_kind(kind, "pyramid")[:, None], half - xp.abs(index - half), index)
     steps = xp.where(is_hurdles, wall, steps)
-    shares = xp.where(index > 0.0, between((LEAST_RISE_SHARE, 1.0), of_rises), zero)
+    shares = xp.where(index > 0.0, scale_draw((LEAST_RISE_SHARE, 1.0), of_rises), zero)
     top = rise[:, None] * xp.where(is_irregular, xp.cumulative_sum(shares, axis=-1), steps)
     return CourseShape(
         length=xp.where(is_hurdles & (wall > 0.0), zero + HURDLE_M, along),
@@ -101,6 +101,6 @@ def is_kind(kind: Array, *names: str) -> Array:
     return found
 
 
-def between(bounds: tuple[float, float], draw: Array) -> Array:
+def scale_draw(bounds: tuple[float, float], draw: Array) -> Array:
     """Returns what a uniform draw from [0, 1) makes of these bounds, of its shape."""
     return bounds[0] + (bounds[1] - bounds[0]) * draw

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from saltus.config import TerrainConfig, load
+from saltus.config import TerrainConfig, load_config
 from saltus.errors import ConfigError, nearest_hint
 from saltus.terrain import clutter, flat, level, ramp
 from saltus.terrain.course import CourseFamily, course_family, shipped_courses
 from saltus.terrain.own_families import OwnFamily, own_families
-from saltus.terrain.terrain import TRENCH_DEPTH, Terrain, checked
+from saltus.terrain.terrain import TRENCH_DEPTH, Terrain, check_terrain
 
 FILE_SUFFIX = ".toml"
 SIZES = (
@@ -244,4 +244,4 @@ def _from_file(config: TerrainConfig, given: dict[str, float]) -> Terrain:
         raise ConfigError(
             f"{name} = {value} has no meaning for {config.terrain}: its sizes are in the file"
         )
-    return checked(load(Terrain, Path(config.terrain)), config.terrain)
+    return check_terrain(load_config(Terrain, Path(config.terrain)), config.terrain)

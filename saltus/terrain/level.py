@@ -3,13 +3,13 @@
 import numpy as np
 
 from saltus.errors import ConfigError
-from saltus.terrain.course_law import KINDS, between, shape
+from saltus.terrain.course_law import KINDS, course_shape, scale_draw
 from saltus.terrain.terrain import (
     FINISH_AFTER_COURSE,
     FINISH_AFTER_SINGLE,
     TRENCH_DEPTH,
     Terrain,
-    build,
+    build_course,
 )
 
 SINGLE = ("step", "step_down", "gap", "ditch")
@@ -39,18 +39,18 @@ def make(kind: str, rng: np.random.Generator | None = None, **sizes: float) -> T
     gap, depth = _bounds(sizes, "gap", 0.0), _bounds(sizes, "depth", TRENCH_DEPTH)
     one = np.ones(1)
     *of_columns, of_depth = (rng or np.random.default_rng(0)).uniform(size=count + 1)
-    columns = shape(
+    columns = course_shape(
         np.array([KINDS.index(kind)]),
         count=count * one,
         rise=rise * one,
         length=sizes.get("run_m", sizes.get("stone_m", 0.0)) * one,
         gap=(gap[0] * one, gap[1] * one),
-        depth=between(depth, of_depth) * one,
+        depth=scale_draw(depth, of_depth) * one,
         draws=np.array([[0.0, *of_columns]]),
     )
     rows = zip(columns.gap[0, 1:], columns.length[0, 1:], columns.top[0, 1:], strict=True)
     parts = [part for gap, length, top in rows for part in ((gap, columns.floor[0]), (length, top))]
-    return build(
+    return build_course(
         kind, sizes, parts[:-1], last_top=parts[-1][1],
         finish_behind=FINISH_AFTER_SINGLE if kind in SINGLE else FINISH_AFTER_COURSE,
     )  # fmt: skip

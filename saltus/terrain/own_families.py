@@ -16,7 +16,7 @@ from importlib.metadata import EntryPoint, entry_points
 import numpy as np
 
 from saltus.errors import ConfigError
-from saltus.terrain.terrain import Terrain, checked
+from saltus.terrain.terrain import Terrain, check_terrain
 
 GROUP = "saltus.terrains"
 MEDIUM = 0.5
@@ -47,7 +47,9 @@ class OwnFamily:
             raise ConfigError(
                 f"{where} returned {type(terrain).__name__}: its function must return a Terrain"
             )
-        return checked(replace(terrain, params={"difficulty": difficulty} | terrain.params), where)
+        return check_terrain(
+            replace(terrain, params={"difficulty": difficulty} | terrain.params), where
+        )
 
 
 def own_families() -> dict[str, OwnFamily]:

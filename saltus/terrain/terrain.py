@@ -154,7 +154,7 @@ class _CentredBox:
     yaw: float = 0.0
 
 
-def checked(terrain: Terrain, where: str) -> Terrain:
+def check_terrain(terrain: Terrain, where: str) -> Terrain:
     """A terrain that others made, `where` they did,
     if a robot can start on it and stand at its end.
 
@@ -192,7 +192,7 @@ def _by_corners(box: object, where: str) -> object:
     return {"low": list(same.low), "high": list(same.high), "pitch": given.pitch, "yaw": given.yaw}
 
 
-def build(
+def build_course(
     kind: str,
     params: Mapping[str, float],
     columns: Sequence[tuple[float, float]],
@@ -215,10 +215,10 @@ def build(
     finish = float(edges[-1]) + finish_behind
     ends = [GROUND_START_X, *edges[kept].tolist(), float(edges[-1]), finish + RUN_OUT]
     tops = [0.0, *(float(columns[i][1]) for i in kept), float(last_top)]
-    return Terrain(kind=kind, params=dict(params), boxes=across(ends, tops), finish_x=finish)
+    return Terrain(kind=kind, params=dict(params), boxes=boxes_across(ends, tops), finish_x=finish)
 
 
-def across(ends: Sequence[float], tops: Sequence[float]) -> tuple[Box, ...]:
+def boxes_across(ends: Sequence[float], tops: Sequence[float]) -> tuple[Box, ...]:
     """Level boxes side by side along x and wide in y.
 
     Args:

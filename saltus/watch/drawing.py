@@ -167,7 +167,7 @@ def _draw(lines: viser.LineSegmentsHandle, heights: HeightsInWorld) -> None:
     lines.points = _net(heights.predicted + 2.0 * LIFT, heights.shape)
 
 
-def aside(worlds: list[SceneWorld]) -> list[float]:
+def sideways_offsets(worlds: list[SceneWorld]) -> list[float]:
     """Where the y = 0 of each run lies, so that their grounds lie beside each other [m]."""
     places: list[float] = []
     edge = 0.0

@@ -13,10 +13,10 @@ from saltus.errors import MessageError
 from saltus.recordings.recording import RecordedMessage
 from saltus.runtime.run_folder import read_run
 from saltus.watch.scene import LOOK_BACK_NS, Scene, SceneMaker, SceneWorld
-from saltus.wire.bus import RawSample, Stream, topic_of, unpack
+from saltus.wire.bus import RawSample, Stream, topic_of, unpack_sample
 from saltus.wire.codec import Envelope
 from saltus.wire.messages import OPERATOR, Event
-from saltus.wire.sharing import PERIOD_S, unpacked
+from saltus.wire.sharing import PERIOD_S, unpack_samples
 from saltus.wire.zenoh_bus import ZenohBus
 
 UNSHARED_NS = 1_000_000_000
@@ -90,7 +90,7 @@ class Onlooker:
 
     def _receive(self, batch: bytes) -> None:
         self._heard_ns = time.monotonic_ns()
-        for sample in unpacked(batch):
+        for sample in unpack_samples(batch):
             self._shared.push(sample)
 
 
@@ -172,7 +172,7 @@ class LiveRun:
             return None
         try:
             if topic.message is Event:
-                _, event = unpack(topic, raw)
+                _, event = unpack_sample(topic, raw)
                 if isinstance(event, Event):
                     self._events.append(event)
             envelope = Envelope.from_bytes(raw.attachment)

@@ -14,7 +14,7 @@ import viser
 from saltus.arrays import Floats
 from saltus.config import TerrainConfig
 from saltus.terrain.curriculum import FAMILIES
-from saltus.watch.drawing import SKY, Drawing, aside
+from saltus.watch.drawing import SKY, Drawing, sideways_offsets
 from saltus.watch.panel import GREY, Panel
 from saltus.watch.scene import Scene, SceneWorld
 from saltus.watch.server import PageServer
@@ -98,7 +98,7 @@ class Page:
             old: list[Drawing | viser.PanelHandle] = [*self._drawings, *self._panels]
             for drawn in old:
                 drawn.remove()
-            places = aside(worlds)
+            places = sideways_offsets(worlds)
             parts = enumerate(zip(worlds, places, strict=True))
             self._drawings = [
                 Drawing(self.server, number, world, y) for number, (world, y) in parts

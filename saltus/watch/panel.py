@@ -6,7 +6,7 @@ from viser import uplot
 
 from saltus.depth import RANGE_M
 from saltus.reports.page_templates import data_url, template_beside
-from saltus.watch.pictures import NEAR_M, PALETTE, PLOTTED_M, curves, picture
+from saltus.watch.pictures import NEAR_M, PALETTE, PLOTTED_M, depth_picture, heightmap_curves
 from saltus.watch.scene import SILENT, Scene, SceneWorld
 from saltus.watch.server import PageServer
 from saltus.wire.messages import DepthFrame, HeightmapStatus
@@ -62,13 +62,13 @@ class Panel:
             self._frame = scene.depth
             self._depth.content = _html("depth", scene.depth)
         if scene.heights is not None:
-            self._plot.data = curves(scene.heights, scene)
+            self._plot.data = heightmap_curves(scene.heights, scene)
 
 
 _MACROS = template_beside(__file__).make_module(
     {
         "picture": lambda frame: data_url(
-            "png", cv2.imencode(".png", picture(frame)[..., ::-1])[1]
+            "png", cv2.imencode(".png", depth_picture(frame)[..., ::-1])[1]
         ),
         "image_height": IMAGE_HEIGHT,
         "palette": PALETTE[::15].tolist(),

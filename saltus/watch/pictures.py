@@ -33,7 +33,7 @@ PLOT_BOX = (56, 500, 340, 180)
 TICKS_X, TICKS_Z = (-0.4, 0.0, 0.4, 0.8), (-0.8, -0.4, 0.0, 0.4)  # [m]
 
 
-def picture(frame: DepthFrame) -> NDArray[np.uint8]:
+def depth_picture(frame: DepthFrame) -> NDArray[np.uint8]:
     """A depth image in colours (RGB): near is bright,
     nothing within range is grey, invalid is black.
     """
@@ -45,7 +45,7 @@ def picture(frame: DepthFrame) -> NDArray[np.uint8]:
     return colours
 
 
-def curves(heights: HeightsInWorld, scene: Scene) -> tuple[NDArray[np.float64], ...]:
+def heightmap_curves(heights: HeightsInWorld, scene: Scene) -> tuple[NDArray[np.float64], ...]:
     """x, lower and upper end of the 90 % interval,
     prediction and truth (prediction, where nobody knows it) [m].
 
@@ -98,7 +98,7 @@ def _draw_depth(page: RgbPicture, frame: DepthFrame, now_s: float) -> None:
     scale = min(width / columns, height / rows)
     size = (max(1, round(scale * columns)), max(1, round(scale * rows)))
     page[top : top + size[1], left : left + size[0]] = cv2.resize(
-        picture(frame), size, interpolation=cv2.INTER_NEAREST
+        depth_picture(frame), size, interpolation=cv2.INTER_NEAREST
     )
     bar = left + size[0] + 14
     colours = cv2.resize(PALETTE[:, None].copy(), (10, size[1]), interpolation=cv2.INTER_LINEAR)
@@ -137,7 +137,7 @@ def _draw_heights(page: RgbPicture, scene: Scene) -> None:
         _write(page, f"{tick:.1f}", (x - 12, top + height + 22), 0.4, PALE)
     if heights is None:
         return
-    x, low, high, predicted, true = curves(heights, scene)
+    x, low, high, predicted, true = heightmap_curves(heights, scene)
     usable = heights.status in (HeightmapStatus.OK, HeightmapStatus.DEGRADED)
     cv2.fillPoly(
         page,

@@ -221,7 +221,7 @@ def _newest(kind: type[MessageT], newest: dict[str, RecordedMessage], key: str) 
     """The newest message of a key; None where there is none, or it is malformed."""
     row = newest.get(key)
     try:
-        return None if row is None else codec.decode(kind, row.payload)
+        return None if row is None else codec.decode_message(kind, row.payload)
     except MessageError:
         return None
 

@@ -198,7 +198,7 @@ class Latest:
 
     def _check(self, raw: RawSample) -> Sample | None:
         try:
-            envelope, message = unpack(self.topic, raw)
+            envelope, message = unpack_sample(self.topic, raw)
             self._check_order(envelope)
         except MessageError as error:
             self._rejected[f"{self.topic.name}/{error.reason}"] += 1
@@ -227,12 +227,12 @@ class Latest:
             )
 
 
-def unpack(topic: Topic, raw: RawSample) -> tuple[Envelope, Message]:
+def unpack_sample(topic: Topic, raw: RawSample) -> tuple[Envelope, Message]:
     """Checks a sample by itself; `MessageError` as in the module's docstring."""
     if len(raw.payload) > codec.PAYLOAD_MAX:
         raise MessageError("size", f"{len(raw.payload)} bytes")
     envelope = Envelope.from_bytes(raw.attachment)
-    message: Message = codec.decode(topic.message, raw.payload)
+    message: Message = codec.decode_message(topic.message, raw.payload)
     if message.time_ns != envelope.capture_ns:
         raise MessageError(
             "capture_time",

@@ -31,22 +31,22 @@ _HEADER: Callable[..., RosHeader] = STORE.types["std_msgs/msg/Header"]
 _TIME: Callable[..., RosTime] = STORE.types["builtin_interfaces/msg/Time"]
 
 
-def definition_of(type_name: str) -> str:
+def ros2msg_definition(type_name: str) -> str:
     """The `ros2msg` schema text of a ROS 2 type with all that it contains."""
     return STORE.generate_msgdef(type_name, ros_version=2)[0]
 
 
-def stamp(time_ns: int) -> RosTime:
+def make_ros_time(time_ns: int) -> RosTime:
     """A `builtin_interfaces/msg/Time`."""
     return _TIME(*divmod(time_ns, _NANO))
 
 
-def header(time_ns: int, frame: str) -> RosHeader:
+def make_ros_header(time_ns: int, frame: str) -> RosHeader:
     """A `std_msgs/msg/Header`."""
-    return _HEADER(stamp(time_ns), frame)
+    return _HEADER(make_ros_time(time_ns), frame)
 
 
-def parse(type_name: str, data: bytes) -> Any:
+def parse_ros_message(type_name: str, data: bytes) -> Any:
     """A message of the store of a stranger's bytes; they may raise whatever they like."""
     if data[:4] != CDR_LITTLE_ENDIAN:
         raise MessageError("malformed", "not little-endian CDR")

@@ -14,7 +14,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from saltus.config import load as read_toml_file
+from saltus.config import load_config as read_toml_file
 from saltus.config import to_toml
 from saltus.errors import ConfigError, check_known, nearest_hint
 from saltus.files import atomic_write
@@ -60,7 +60,7 @@ class AuthorityKeys:
         }
 
 
-def create(folder: Path, address: str, days: int) -> AuthorityKeys:
+def create_authority(folder: Path, address: str, days: int) -> AuthorityKeys:
     """Makes an authority, and a certificate for a router at `address`, host:port.
 
     Raises:
@@ -92,7 +92,7 @@ def create(folder: Path, address: str, days: int) -> AuthorityKeys:
     return keys
 
 
-def issue(folder: Path, role: str, days: int) -> Path:
+def issue_certificate(folder: Path, role: str, days: int) -> Path:
     """Makes a certificate for a role.
 
     Returns the one file that its holder needs, and nobody else should have.
@@ -101,27 +101,27 @@ def issue(folder: Path, role: str, days: int) -> Path:
         ConfigError: there is no authority, or no such role.
     """
     check_known("there is no role", role, ROLES)
-    keys, certificate = _issue(folder, load(folder), role, days)
+    keys, certificate = _issue(folder, load_authority(folder), role, days)
     path = folder / f"{keys.issued[-1].name}.json5"
     write_client(path, f"tls/{keys.address}", certificate)
     return path
 
 
-def revoke(folder: Path, name: str) -> None:
+def revoke_certificate(folder: Path, name: str) -> None:
     """Takes a certificate off the list of those that may do anything,
     from the router's next start on.
 
     Raises:
         ConfigError: there is no authority, or no such certificate that may join.
     """
-    keys = load(folder)
+    keys = load_authority(folder)
     if name not in keys.names:
         raise ConfigError(f"no certificate '{name}' may join: {nearest_hint(name, keys.names)}")
     issued = tuple(replace(each, revoked=each.revoked or each.name == name) for each in keys.issued)
     _save(folder, replace(keys, issued=issued))
 
 
-def load(folder: Path) -> AuthorityKeys:
+def load_authority(folder: Path) -> AuthorityKeys:
     """Reads the folder of an authority; `ConfigError` where there is none."""
     if not (folder / STATE).is_file():
         raise ConfigError(f"{folder} holds no authority: saltus keys init makes one")
@@ -137,7 +137,7 @@ def network_of(folder: Path, listen: str, prefix: str) -> NetworkAccess:
         prefix: Of the robot's keys.
     """
     host_of(listen)
-    keys = load(folder)
+    keys = load_authority(folder)
     return NetworkAccess(
         listen=f"tls/{listen}",
         certificate=_read(folder, ROUTER),

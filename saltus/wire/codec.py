@@ -1,8 +1,8 @@
 """Messages as CDR bytes of ROS 2 types, and back, with every check that a stranger's bytes need.
 
-`decode` returns a message that is whole, finite and plausible, or raises `MessageError`: nothing
-else, whatever the bytes. The envelope is the attachment of rmw_zenoh: sequence, capture time and
-the identity of the sender.
+`decode_message` returns a message that is whole, finite and plausible, or raises `MessageError`:
+nothing else, whatever the bytes. The envelope is the attachment of rmw_zenoh: sequence, capture
+time and the identity of the sender.
 
 Kinds that come many times a second are read and written by templates
 (`saltus.wire.message_templates`); the codecs here are their reference.
@@ -26,10 +26,10 @@ from saltus.wire.cdr import (
     TIME_MIN_NS,
     check_bounded,
     checked_text,
-    definition_of,
-    header,
-    parse,
-    stamp,
+    make_ros_header,
+    make_ros_time,
+    parse_ros_message,
+    ros2msg_definition,
     time_of,
 )
 from saltus.wire.depth_codec import DEPTH_FIXED, DEPTH_HOLES, decode_depth, depth_on_the_wire
@@ -83,11 +83,11 @@ def prepare(kind: type[Message]) -> None:
     STORE.get_msgdef(TYPE_NAME[kind])
 
 
-def encode(message: Message) -> bytes:
+def encode_message(message: Message) -> bytes:
     """Writes a message as CDR; `MessageError`
     where a field does not have the shape or type that travels.
 
-    Values are checked by `decode`: what is sent is for the receiver to judge.
+    Values are checked by `decode_message`: what is sent is for the receiver to judge.
     """
     kind = type(message)
     try:
@@ -99,7 +99,7 @@ def encode(message: Message) -> bytes:
         raise MessageError("unencodable", f"{kind.__name__}: {error}") from error
 
 
-def decode(kind: type[M], data: bytes) -> M:
+def decode_message(kind: type[M], data: bytes) -> M:
     """Reads and checks a message. Arrays of the result are read-only.
 
     A `MessageError` has the reason "empty", "size", "malformed", "shape", "not_finite", "range",
@@ -126,12 +126,12 @@ def reference_bytes(message: Message) -> bytes:
 
 def reference_message(kind: type[M], data: bytes) -> M:
     """The message, read field by field."""
-    return cast(M, _DECODERS[kind](parse(TYPE_NAME[cast(Any, kind)], data)))
+    return cast(M, _DECODERS[kind](parse_ros_message(TYPE_NAME[cast(Any, kind)], data)))
 
 
 def former_definitions_of(kind: type[Message]) -> list[str]:
     """The `ros2msg` schema texts of a message in older recordings, the newest first."""
-    return [definition_of(name) for name in FORMER.get(kind, ())]
+    return [ros2msg_definition(name) for name in FORMER.get(kind, ())]
 
 
 def of_today(kind: type[Message], former: int, data: bytes) -> bytes:
@@ -142,7 +142,7 @@ def of_today(kind: type[Message], former: int, data: bytes) -> bytes:
         MessageError: they are none.
     """
     try:
-        old, table = parse(FORMER[kind][former], data), _TABLES[kind]
+        old, table = parse_ros_message(FORMER[kind][former], data), _TABLES[kind]
         values = [
             getattr(old, f.name) if hasattr(old, f.name) else table.lacking(f.name)
             for f in table.fields
@@ -157,7 +157,9 @@ def of_today(kind: type[Message], former: int, data: bytes) -> bytes:
 def _encode_event(message: Event) -> ros_types.StampedRosMessage:
     text = message.detail[: schemas.TEXT_MAX]
     wire_type: Callable[..., ros_types.StampedRosMessage] = STORE.types[schemas.EVENT_TYPE]
-    return wire_type(stamp(message.time_ns), LOG_INFO, message.process, text, "", message.code, 0)
+    return wire_type(
+        make_ros_time(message.time_ns), LOG_INFO, message.process, text, "", message.code, 0
+    )
 
 
 def _decode_event(wire: Any) -> Event:
@@ -173,7 +175,7 @@ def _encode_status(message: ProcessStatus) -> ros_types.StampedRosMessage:
     names, topics = list(message.rejected), list(message.received)
     wire_type: Callable[..., ros_types.StampedRosMessage] = STORE.types[schemas.STATUS_TYPE]
     return wire_type(
-        header(message.time_ns, schemas.FRAME[ProcessStatus]),
+        make_ros_header(message.time_ns, schemas.FRAME[ProcessStatus]),
         message.process,
         bool(message.ready),
         int(message.ticks),

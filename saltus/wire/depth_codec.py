@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from saltus.arrays import AnyArray, Floats
 from saltus.errors import MessageError
 from saltus.wire import schemas
-from saltus.wire.cdr import STORE, check_bounded, header, time_of
+from saltus.wire.cdr import STORE, check_bounded, make_ros_header, time_of
 from saltus.wire.message_templates import TemplateHole
 from saltus.wire.messages import DepthFrame
 from saltus.wire.ros_types import RosCameraInfo, RosImage, RosRegionOfInterest, StampedRosMessage
@@ -65,7 +65,7 @@ def depth_on_the_wire(message: DepthFrame) -> DepthOnTheWire:
     """
     depth = _pixels_of(message.depth)
     height, width = depth.shape
-    head = header(message.time_ns, schemas.FRAME[DepthFrame])
+    head = make_ros_header(message.time_ns, schemas.FRAME[DepthFrame])
     pixels = depth.view(np.uint8).reshape(-1)
     image = _IMAGE(head, height, width, ENCODING, 0, 2 * width, pixels)
     lens = _calibration(

@@ -14,7 +14,7 @@ import zenoh
 
 from saltus.errors import StackError
 from saltus.files import atomic_write
-from saltus.resources import resource
+from saltus.resources import shipped_file
 
 LOCAL = "unixsock-stream/"
 """Beginning of the endpoints of sockets in folders."""
@@ -139,7 +139,7 @@ def lease_slowed(settings: zenoh.Config, speed: float) -> None:
 
 
 def _settings(role: str, endpoint: str, speed: float) -> zenoh.Config:
-    settings = zenoh.Config.from_file(str(resource(f"zenoh_cfg/{role}.json5")))
+    settings = zenoh.Config.from_file(str(shipped_file(f"zenoh_cfg/{role}.json5")))
     lease_slowed(settings, speed)
     try:
         settings.insert_json5(_ENDPOINTS, json.dumps([endpoint]))

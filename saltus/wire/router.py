@@ -11,7 +11,7 @@ from resource import RLIMIT_NOFILE, getrlimit, setrlimit
 import zenoh
 
 from saltus.errors import StackError
-from saltus.resources import resource
+from saltus.resources import shipped_file
 from saltus.wire.joining import LOCAL, Certificate, lease_slowed, mutual_tls
 
 RECEIVING_THREADS = 16
@@ -57,7 +57,7 @@ def open_router(
         folder = tempfile.mkdtemp(prefix="saltus-")
         resources.callback(shutil.rmtree, folder, ignore_errors=True)
         endpoints = [f"{LOCAL}{folder}/router"]
-        settings = zenoh.Config.from_file(str(resource("zenoh_cfg/router.json5")))
+        settings = zenoh.Config.from_file(str(shipped_file("zenoh_cfg/router.json5")))
         lease_slowed(settings, speed)
         try:
             if network is not None:

@@ -57,7 +57,7 @@ def packed(samples: Iterable[RawSample]) -> bytes:
     return b"".join(parts)
 
 
-def unpacked(batch: bytes) -> list[RawSample]:
+def unpack_samples(batch: bytes) -> list[RawSample]:
     """Samples of a batch, up to where it is malformed."""
     now_ns, place, samples = time.monotonic_ns(), 0, list[RawSample]()
     while place + HEAD.size <= len(batch):

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from saltus.arrays import AnyArray
 from saltus.errors import MessageError
 from saltus.wire import ros_types, schemas
-from saltus.wire.cdr import STORE, check_bounded, checked_text, header, time_of
+from saltus.wire.cdr import STORE, check_bounded, checked_text, make_ros_header, time_of
 from saltus.wire.message_templates import TemplateHole
 from saltus.wire.messages import Message
 from saltus.wire.schemas import FIELDS, TYPE_NAME, MessageField
@@ -93,7 +93,7 @@ class TableCodec:
         ]
         if self.has_grid:
             self._check_points([values[i] for i in self.array_places])
-        return self.wire_type(header(message.time_ns, self.frame), *values)
+        return self.wire_type(make_ros_header(message.time_ns, self.frame), *values)
 
     def decode(self, wire: ros_types.StampedRosMessage) -> Message:
         """The message of what travels; `MessageError` where it is not plausible."""

@@ -137,7 +137,7 @@ class ZenohBus(Bus):
 
     def look_on(self, receive: Callable[[bytes], None]) -> None:
         """Gives each batch that a supervisor hands on to `receive`,
-        for `saltus.wire.sharing.unpacked`.
+        for `saltus.wire.sharing.unpack_samples`.
         """
         self._session.declare_subscriber(
             f"{self.prefix}/{SHARED}", lambda it: receive(it.payload.to_bytes())
@@ -224,7 +224,7 @@ class ZenohPublisher:
         """
         if self._bus.muted:
             return
-        payload = codec.encode(message)
+        payload = codec.encode_message(message)
         self._sequence += 1
         envelope = Envelope(self._sequence, message.time_ns, self._bus.boot_id)
         self._publisher.put(payload, attachment=envelope.to_bytes())

@@ -17,7 +17,7 @@ from saltus import files
 from saltus.config import RunConfig, from_toml
 from saltus.errors import ConfigError, SaltusError
 from saltus.files import check_archive
-from saltus.heightmap.data.inventory import validate
+from saltus.heightmap.data.inventory import validate_dataset
 from saltus.wire.topics import TOPICS
 
 pytestmark = pytest.mark.slow
@@ -105,7 +105,7 @@ def test_a_dataset_reads_nothing_outside_of_its_shard(tmp_path: Path) -> None:
                 )
         with pytest.raises(SaltusError, match="'height'"):
             _damage.read_shard(folder / "round_000.h5")
-        assert "'height'" in " ".join(validate(folder))
+        assert "'height'" in " ".join(validate_dataset(folder))
 
 
 def test_archives_that_unpack_to_too_much_or_are_damaged_are_refused(

@@ -19,7 +19,7 @@ from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.sim import robot_model
 from saltus.sim.plant import Plant
 from saltus.terrain.curriculum import FAMILIES
-from saltus.terrain.terrain import checked
+from saltus.terrain.terrain import check_terrain
 
 pytestmark = pytest.mark.slow
 
@@ -60,7 +60,7 @@ def test_trials_that_were_kept_are_not_run_again_and_more_are_added(
 @pytest.mark.parametrize("name", ROWS)
 def test_every_row_has_a_course_that_can_be_finished(name: str) -> None:
     for terrain in courses_of(ROWS[name].course, (1, 2, 3)):
-        assert checked(terrain, name) is terrain
+        assert check_terrain(terrain, name) is terrain
 
 
 def test_rows_have_all_families_but_flat_ground() -> None:

@@ -22,7 +22,7 @@ from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.terrain.boxes import Box
 from saltus.terrain.curriculum import SCENERY
-from saltus.terrain.terrain import checked
+from saltus.terrain.terrain import check_terrain
 from saltus.wire.messages import DepthFrame, HeightmapStatus
 from saltus.wire.topics import CAMERA_PERIOD_S
 
@@ -33,7 +33,7 @@ SEEDS = range(20)
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_robots_can_start_in_every_scene_and_see_something(name: str, seed: int) -> None:
-    terrain = checked(scene(name, np.random.default_rng(seed)), name)
+    terrain = check_terrain(scene(name, np.random.default_rng(seed)), name)
     x, y = np.meshgrid(np.linspace(-0.5, FINISH_X, 200), np.linspace(-0.5, 0.5, 41))
     height = np.asarray(terrain.height_at(x.ravel(), y.ravel()))
     assert (height[x.ravel() < 0.4] == 0.0).all()

@@ -18,7 +18,7 @@ from saltus.controller import lockstep
 from saltus.controller.newest_plan import NewestPlan
 from saltus.errors import StackError
 from saltus.runtime.process import ProcessContext
-from saltus.wire.bus import topic_of, unpack
+from saltus.wire.bus import topic_of, unpack_sample
 from saltus.wire.messages import (
     ControllerMode,
     Event,
@@ -60,7 +60,7 @@ def run_controller(tmp_path, pace="lockstep", seed=3, stopped_at_ns=None, **stan
         context = StoppedLater(context, stopped_at_ns)
     with StandIns(hub, **stand_ins).running():
         process.body(context)
-    return [(raw.key, unpack(topic_of(raw.key), raw)[1]) for raw in stream.drain()]
+    return [(raw.key, unpack_sample(topic_of(raw.key), raw)[1]) for raw in stream.drain()]
 
 
 def test_lockstep_run_is_complete_and_repeatable(tmp_path, monkeypatch):
@@ -156,6 +156,8 @@ def test_plans_say_once_that_they_are_lost_and_back(tmp_path):
     assert plan is not None
     assert (plan.status, age_s) == (PlanStatus.STAND, 0.0)
     events = [
-        unpack(topic_of(raw.key), raw)[1] for raw in stream.drain() if raw.key.startswith("event")
+        unpack_sample(topic_of(raw.key), raw)[1]
+        for raw in stream.drain()
+        if raw.key.startswith("event")
     ]
     assert [event.code for event in events] == ["plan_lost", "plan_back"]

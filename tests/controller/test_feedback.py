@@ -4,7 +4,7 @@ import numpy as np
 from samples import KINEMATICS, ROBOT
 
 from saltus.controller.velocity_feedback import SpeedBrake, VelocityFeedback
-from saltus.controller.yaw_frame import observe
+from saltus.controller.yaw_frame import observe_body
 from saltus.joint_command import JointCommand
 
 FEEDBACK = VelocityFeedback(ROBOT)
@@ -12,7 +12,7 @@ FEEDBACK = VelocityFeedback(ROBOT)
 
 def test_feet_of_a_body_at_its_reference_stand_still_in_the_world(draw):
     plan, sensed = draw(np.random.default_rng(7), (300,))
-    body = observe(sensed, KINEMATICS)
+    body = observe_body(sensed, KINEMATICS)
     # Below the drives' speed limits
     velocity, angular = (
         0.3 * plan.velocity,
@@ -31,7 +31,7 @@ def test_straight_legs_do_not_blow_up(draw):
     straight = KINEMATICS.inverse(
         ROBOT.hip_anchor + np.array([0.0, 0.0, -1.0]) + 0.08 * ROBOT.side[:, None] * [0, 1, 0]
     )
-    body = observe(type(sensed)(**{**vars(sensed), "joint_position": straight}), KINEMATICS)
+    body = observe_body(type(sensed)(**{**vars(sensed), "joint_position": straight}), KINEMATICS)
     joint = FEEDBACK.joint_velocity(body, np.array([3.0, 0.0, 3.0]), np.array([0.0, 6.0, 0.0]))
     assert (np.abs(joint) <= ROBOT.speed_limit).all()
 

@@ -14,7 +14,7 @@ from saltus.controller.stance import (
     StanceLegs,
     StanceQP,
 )
-from saltus.controller.yaw_frame import CentroidalReference, YawFrameBody, observe
+from saltus.controller.yaw_frame import CentroidalReference, YawFrameBody, observe_body
 from saltus.robots.robot import Robot
 from saltus.robots.similarity import Similarity
 from saltus.states import standing_state
@@ -28,7 +28,7 @@ PROBLEMS = 1000
 def problems(draw):
     rng = np.random.default_rng(1)
     plan, sensed = draw(rng, (PROBLEMS,))
-    body = observe(sensed, KINEMATICS)
+    body = observe_body(sensed, KINEMATICS)
     acceleration = STANCE.acceleration_reference(body, plan.velocity, plan.angular_velocity)
     contact = rng.random((PROBLEMS, 4)) < 0.6
     return body, STANCE.build_qp(body, acceleration, contact)
@@ -67,7 +67,7 @@ def test_problem_is_the_tracking_cost(problems, draw):
 
 
 def test_a_level_robot_at_rest_carries_its_weight():
-    body = observe(standing_state(ROBOT), KINEMATICS)
+    body = observe_body(standing_state(ROBOT), KINEMATICS)
     acceleration = STANCE.acceleration_reference(body, np.zeros(3), np.zeros(3))
     force = SOLVER.solve(STANCE.build_qp(body, acceleration, np.ones(4, dtype=bool))).reshape(4, 3)
     np.testing.assert_allclose(force[:, 2].sum(), ROBOT.mass * 9.81, rtol=2e-3)
@@ -103,7 +103,7 @@ def test_forces_of_a_robot_of_another_size_grow_with_its_mass(draw):
     plan, sensed = draw(np.random.default_rng(5), (100,))
     contact = np.random.default_rng(6).random((100, 4)) < 0.6
     reference, (length, mass) = (
-        _forces(ROBOT, plan, observe(sensed, KINEMATICS), contact),
+        _forces(ROBOT, plan, observe_body(sensed, KINEMATICS), contact),
         (1.7, 4.2),
     )
     robot = replace(
@@ -117,7 +117,7 @@ def test_forces_of_a_robot_of_another_size_grow_with_its_mass(draw):
     plan = replace(
         plan, velocity=plan.velocity * speed, angular_velocity=plan.angular_velocity / time
     )
-    body = observe(sensed, KINEMATICS)
+    body = observe_body(sensed, KINEMATICS)
     larger = replace(
         body, velocity=body.velocity * speed, angular_velocity=body.angular_velocity / time,
         foot_base=body.foot_base * length, foot_yaw=body.foot_yaw * length,

@@ -14,7 +14,7 @@ from saltus.controller.stance import (
     StanceQP,
 )
 from saltus.controller.stance_batched import BatchedSolver, invert
-from saltus.controller.yaw_frame import observe
+from saltus.controller.yaw_frame import observe_body
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.states import standing_state
 
@@ -26,7 +26,7 @@ def demands(count, seed):
     """Bounding robots that are asked for much: most of these problems have active constraints."""
     rng = np.random.default_rng(seed)
     angles = rng.normal(0.0, (0.1, 0.4, 1.0), (count, 3)).T
-    body = observe(
+    body = observe_body(
         replace(
             standing_state(ROBOT),
             quaternion_base_in_world=quaternion_from_roll_pitch_yaw(*angles),

@@ -5,7 +5,7 @@ import pytest
 from samples import KINEMATICS, ROBOT
 
 from saltus.controller.swing import BENT_FROM_MPS, SwingLegs
-from saltus.controller.yaw_frame import observe
+from saltus.controller.yaw_frame import observe_body
 
 SWING = SwingLegs(ROBOT)
 ROBOTS = 200
@@ -14,7 +14,7 @@ ROBOTS = 200
 @pytest.fixture
 def robots(draw):
     plan, sensed = draw(np.random.default_rng(5), (ROBOTS,))
-    return plan, sensed, observe(sensed, KINEMATICS)
+    return plan, sensed, observe_body(sensed, KINEMATICS)
 
 
 def path(body, sensed, progress, stance_s=0.2):

@@ -3,7 +3,7 @@ import math
 
 import pytest
 
-from saltus.controller.watchdog import WatchdogInput, WatchdogState, watch
+from saltus.controller.watchdog import WatchdogInput, WatchdogState, watchdog_step
 from saltus.wire.messages import ControllerMode, PlanStatus
 
 DT = 0.002
@@ -79,7 +79,7 @@ def expected(state, now):
 
 def test_every_transition():
     for state, now in CASES:
-        after = watch(state, now, DT)
+        after = watchdog_step(state, now, DT)
         assert after.mode == expected(state, now), (state, now)
         if after.mode == state.mode:
             assert after.mode_time_s == state.mode_time_s + DT
@@ -94,7 +94,7 @@ def test_a_robot_that_lay_goes_when_it_has_got_up():
     )  # fmt: skip
     state, modes = WatchdogState(mode=ControllerMode.LIE, mode_time_s=3.0, lay=True), []
     for _ in range(round(1.5 / DT)):
-        state = watch(state, go, DT)
+        state = watchdog_step(state, go, DT)
         modes.append(state.mode)
     assert modes.count(ControllerMode.STAND) == pytest.approx(1.0 / DT, abs=2)
     assert modes[-1] == ControllerMode.RUN
@@ -102,7 +102,7 @@ def test_a_robot_that_lay_goes_when_it_has_got_up():
 
 def test_robots_only_jump_on_fresh_plans():
     for state, now in CASES:
-        if watch(state, now, DT).mode == ControllerMode.RUN:
+        if watchdog_step(state, now, DT).mode == ControllerMode.RUN:
             assert now.plan_status == PlanStatus.GO
             assert now.plan_age_s <= 0.030
             assert now.finite
@@ -111,7 +111,7 @@ def test_robots_only_jump_on_fresh_plans():
 @pytest.mark.parametrize("mode", [ControllerMode.STOPPED, ControllerMode.DAMP])
 def test_faults_are_latched(mode):
     for now in inputs():
-        after = watch(WatchdogState(mode=mode, fault=True), now, DT).mode
+        after = watchdog_step(WatchdogState(mode=mode, fault=True), now, DT).mode
         assert after in (mode, ControllerMode.DAMP)
 
 
@@ -128,10 +128,10 @@ def now(age, status=PlanStatus.GO, settled=False):
 
 
 def test_a_planner_that_dies_leads_to_stopped_even_if_it_comes_back():
-    state = watch(WatchdogState(), now(0.0), DT)
+    state = watchdog_step(WatchdogState(), now(0.0), DT)
     modes = [state.mode]
     for tick in range(1, 60):
-        state = watch(state, now(tick * DT), DT)
+        state = watchdog_step(state, now(tick * DT), DT)
         modes.append(state.mode)
     assert [mode for mode, _ in itertools.groupby(modes)] == [
         ControllerMode.RUN,
@@ -139,14 +139,14 @@ def test_a_planner_that_dies_leads_to_stopped_even_if_it_comes_back():
         ControllerMode.LANDING,
     ]
     assert modes.count(ControllerMode.COAST) == 35
-    state = watch(state, now(0.0, settled=True), DT)
+    state = watchdog_step(state, now(0.0, settled=True), DT)
     assert state.mode == ControllerMode.STOPPED
-    assert watch(state, now(0.0), DT).mode == ControllerMode.STOPPED
+    assert watchdog_step(state, now(0.0), DT).mode == ControllerMode.STOPPED
 
 
 def test_a_landing_on_request_ends_in_a_stand_that_may_start_again():
-    state = watch(WatchdogState(mode=ControllerMode.RUN), now(0.0, PlanStatus.STAND), DT)
+    state = watchdog_step(WatchdogState(mode=ControllerMode.RUN), now(0.0, PlanStatus.STAND), DT)
     assert state.mode == ControllerMode.LANDING
-    state = watch(state, now(0.0, PlanStatus.STAND, settled=True), DT)
+    state = watchdog_step(state, now(0.0, PlanStatus.STAND, settled=True), DT)
     assert state.mode == ControllerMode.STAND
-    assert watch(state, now(0.0), DT).mode == ControllerMode.RUN
+    assert watchdog_step(state, now(0.0), DT).mode == ControllerMode.RUN

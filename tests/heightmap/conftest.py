@@ -15,7 +15,7 @@ from saltus.heightmap.model import HeightmapModel, Normalisation
 from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 from saltus.heightmap.settings import ModelSettings
 from saltus.heightmap.training.dataset import EpisodeStore
-from saltus.heightmap.training.export import ModelOrigin, export
+from saltus.heightmap.training.export import ModelOrigin, export_heightmap
 
 
 @pytest.fixture(scope="session")
@@ -32,7 +32,7 @@ def model() -> HeightmapModel:
 @pytest.fixture(scope="session")
 def model_path(model: HeightmapModel, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("model") / "heightmap.onnx"
-    export(
+    export_heightmap(
         model,
         path,
         ModelOrigin(

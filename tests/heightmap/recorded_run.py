@@ -119,7 +119,7 @@ def record(
 
 def _raw(key: str, message: Message, sequence: int, arrival_ns: int) -> RawSample:
     envelope = Envelope(sequence, message.time_ns, b"0123456789abcdef")
-    return RawSample(key, codec.encode(message), envelope.to_bytes(), arrival_ns)
+    return RawSample(key, codec.encode_message(message), envelope.to_bytes(), arrival_ns)
 
 
 def _frame(frame_id: int, camera: Intrinsics, depth: np.ndarray) -> DepthFrame:

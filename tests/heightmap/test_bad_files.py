@@ -20,7 +20,7 @@ from saltus.heightmap.data.shards import write_shard
 from saltus.heightmap.evaluation.geometric import GeometricHeightmap
 from saltus.heightmap.service import model_inbox as heightmap_model_inbox
 from saltus.heightmap.service.replay import replay_predictor
-from saltus.resources import resource
+from saltus.resources import shipped_file
 from saltus.runtime.run_folder import SETUP_FILE
 
 JUNK = np.random.default_rng(0).bytes(3000)
@@ -114,7 +114,7 @@ def test_datasets_that_are_none(
     bad, out = tmp_path / "bad", tmp_path / "out"
     bad.mkdir()
     (bad / "manifest.json").write_bytes(MANIFESTS[kind])
-    shipped = resource("models/heightmap.onnx")
+    shipped = shipped_file("models/heightmap.onnx")
     for arguments in (
         ["train", "--data", bad, "--out", out],
         ["dagger", "--base", bad, "--out", out],
@@ -148,7 +148,7 @@ def test_places_that_cannot_be_written(
         ["dagger", "--out", place],
         ["dataset", "merge", data, "--out", place],
         ["report", recording, "--out", place],
-        ["give", resource("models/heightmap.onnx"), "--run-dir", place],
+        ["give", shipped_file("models/heightmap.onnx"), "--run-dir", place],
     ):
         refused(["heightmap", *arguments], capsys, place)
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("a file", "kept")]
@@ -167,7 +167,7 @@ def test_a_full_disk(
         folder.mkdir(exist_ok=True)
         (folder / unfinished).symlink_to("/dev/full")
         (folder / whole).write_text("kept")
-    model = resource("models/heightmap.onnx")
+    model = shipped_file("models/heightmap.onnx")
     refused(["heightmap", "give", model, "--run-dir", put_robot(run)], capsys, run, "No space left")
     (run / SETUP_FILE).unlink()
     refused(["heightmap", "report", recording, "--out", run], capsys, run, "No space left")
@@ -181,7 +181,7 @@ def test_folders_without_a_service(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(heightmap_model_inbox, "HEARD_S", 0.2)
-    shipped = resource("models/heightmap.onnx")
+    shipped = shipped_file("models/heightmap.onnx")
     for name in (shipped.name, f"{shipped.name}.sha256"):
         shutil.copy(shipped.with_name(name), tmp_path)
     before = {path: path.stat().st_ino for path in tmp_path.iterdir()}

@@ -11,7 +11,7 @@ from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.model import MAX_STD_M, MIN_STD_M, WIDTHS, HeightmapModel
 from saltus.heightmap.service.quantiles import INTERVAL90
 from saltus.heightmap.training import calibration
-from saltus.heightmap.training.calibration import calibrate
+from saltus.heightmap.training.calibration import calibrate_intervals
 from saltus.heightmap.training.dataset import EpisodeStore, ImageNoise, run_window
 
 
@@ -35,7 +35,7 @@ def test_intervals_of_every_width_hold_nine_of_ten_errors(
         )
         last.get_parameter("bias")[len(HEIGHTMAP_X) :] += np.log(stated)
     before = _held(model, store)
-    calibrate(model, store, TRAINING, ImageNoise(), 0)
+    calibrate_intervals(model, store, TRAINING, ImageNoise(), 0)
     after, correction = _held(model, store), model.correction.clone()
     assert (after[0] == before[0]).all()
     step = (MAX_STD_M / MIN_STD_M) ** (1.0 / (WIDTHS - 1))
@@ -44,7 +44,7 @@ def test_intervals_of_every_width_hold_nine_of_ten_errors(
         width == i for i in np.unique(width) if np.count_nonzero(width == i) >= calibration.FEWEST
     ]:
         assert np.mean(after[1][band] < after[2][band]) == pytest.approx(0.9, abs=0.01)
-    calibrate(model, store, TRAINING, ImageNoise(), 0)
+    calibrate_intervals(model, store, TRAINING, ImageNoise(), 0)
     assert (model.correction == correction).all()
 
 

@@ -21,9 +21,9 @@ from saltus.effects.image_pixels import to_images
 from saltus.effects.profile import Profile
 from saltus.grid import LINE
 from saltus.heightmap.data import device_cameras
-from saltus.heightmap.data.delivery import TICK_S, ImageDeliveryModel, deliver
+from saltus.heightmap.data.delivery import TICK_S, ImageDeliveryModel, draw_delivery
 from saltus.heightmap.data.device_cameras import DeviceCameras, late_images
-from saltus.heightmap.data.rollouts import RobotTrajectory, filmed
+from saltus.heightmap.data.rollouts import RobotTrajectory, film_robots
 from saltus.render.camera import RobotCamera
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.exposure import PerfectExposure
@@ -105,8 +105,10 @@ def truth_of(motion: RobotTrajectory, k: int) -> GroundTruth:
 def of_dataset(profile: Profile, motion: RobotTrajectory) -> Hand:
     """An episode as processors collect it, as a training delivers it."""
     view = RobotCamera.on(ROBOT).moved(profile.view_chain)
-    (episode,) = filmed([motion], [view], IDEAL_CAMERA, profile, LINE, np.random.default_rng(7))
-    frame = deliver([episode], ImageDeliveryModel(), np.random.default_rng(0)).frame[0]
+    (episode,) = film_robots(
+        [motion], [view], IDEAL_CAMERA, profile, LINE, np.random.default_rng(7)
+    )
+    frame = draw_delivery([episode], ImageDeliveryModel(), np.random.default_rng(0)).frame[0]
     taken = np.where(frame >= 0, episode.frame_tick[np.maximum(frame, 0)], NEVER)
     return Hand(
         taken=taken, depth=dict(zip(episode.frame_tick.tolist(), episode.depth, strict=True))

@@ -19,12 +19,12 @@ from saltus.heightmap import collection as heightmap_collection
 from saltus.heightmap.data.delivery import hardware_table
 from saltus.heightmap.data.device_rollouts import DeviceRollouts
 from saltus.heightmap.data.episode import Episode
-from saltus.heightmap.data.inventory import validate
+from saltus.heightmap.data.inventory import validate_dataset
 from saltus.heightmap.data.shards import read_dataset, read_manifest
 from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 from saltus.heightmap.settings import MIN_TICKS, DeviceLoop
 from saltus.loop.body import Body
-from saltus.policy.training.checkpoint import read_checkpoint
+from saltus.policy.training.checkpoint import read_policy_checkpoint
 from saltus.terrain import flat
 from saltus.trial import Trial
 
@@ -96,7 +96,7 @@ def test_all_that_a_profile_says_of_robots_and_cameras_reaches_both_collections(
 
     loop, policy = (
         DeviceLoop(robot="go1", grid="line", robots=2, ticks=MIN_TICKS, cameras=("ideal",)),
-        read_checkpoint(POLICY),
+        read_policy_checkpoint(POLICY),
     )
     device = DeviceRollouts(loop, policy, None, device="cpu", seed=0, profile=str(path))
     env, cameras = device._env, device._cameras
@@ -153,5 +153,5 @@ def test_batches_that_were_whole_when_it_was_interrupted_are_kept(
         assert list(out.iterdir()) == []
         return
     assert "what was collected is kept" in said
-    assert validate(out) == []
+    assert validate_dataset(out) == []
     assert read_manifest(out)[0].episodes == ROBOTS

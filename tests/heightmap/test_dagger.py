@@ -20,7 +20,7 @@ from saltus.heightmap.data.closed_loop import MixedPlanner, closed_loop_episodes
 from saltus.heightmap.data.shards import DatasetError, read_manifest
 from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 from saltus.heightmap.settings import MIN_TICKS, ClosedLoop, DaggerSettings
-from saltus.heightmap.training.dagger import Observer, dagger
+from saltus.heightmap.training.dagger import Observer, run_dagger
 from saltus.heightmap.training.train import TrainingProgress
 from saltus.loop.planner import observe
 from saltus.policy.planner import make_planner
@@ -62,7 +62,7 @@ def contents(run: Path) -> list[str]:
 def whole(short_stand: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run without interruption."""
     run = tmp_path_factory.mktemp("whole")
-    dagger(run, CONFIG, SILENT, processes=1)
+    run_dagger(run, CONFIG, SILENT, processes=1)
     return run
 
 
@@ -80,14 +80,14 @@ def test_a_run_that_was_killed_again_and_again_gives_the_same_data(
 ) -> None:
     for when in ("collect 0 1", "train 0", "collect 1 2", "train 1"):
         with pytest.raises(Killed):
-            dagger(tmp_path, CONFIG, killed_at(when), processes=1)
-    dagger(tmp_path, CONFIG, SILENT, processes=1)
+            run_dagger(tmp_path, CONFIG, killed_at(when), processes=1)
+    run_dagger(tmp_path, CONFIG, SILENT, processes=1)
     assert contents(tmp_path) == contents(whole)
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
         path.name for path in whole.iterdir()
     )
     before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")}
-    dagger(tmp_path, CONFIG, SILENT, processes=1)  # all is done: nothing is written again
+    run_dagger(tmp_path, CONFIG, SILENT, processes=1)  # all is done: nothing is written again
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")} == before
 
 
@@ -118,7 +118,9 @@ def test_a_process_that_is_killed_and_one_that_shares_the_work_give_the_same_dat
     run.communicate(timeout=20)
     assert run.returncode == -signal.SIGKILL
     assert contents(tmp_path / "run") == []
-    dagger(tmp_path / "run", DaggerSettings(**{**vars(CONFIG), "rounds": 1}), SILENT, processes=1)
+    run_dagger(
+        tmp_path / "run", DaggerSettings(**{**vars(CONFIG), "rounds": 1}), SILENT, processes=1
+    )
     assert contents(tmp_path / "run") == contents(whole)[:1]
 
 
@@ -137,21 +139,21 @@ def test_a_run_of_another_configuration_is_refused_by_name(whole: Path, field: s
     }
     config = DaggerSettings(**{**vars(CONFIG), **changed.get(field, {})})
     with pytest.raises(DatasetError, match=f"begun with {field} ="):
-        dagger(whole, config, SILENT, **paths.get(field, {}))
+        run_dagger(whole, config, SILENT, **paths.get(field, {}))
 
 
 def test_a_base_with_the_rounds_of_this_seed_is_refused_before_anything_is_written(
     whole: Path, tmp_path: Path
 ) -> None:
     with pytest.raises(DatasetError, match="another seed"):
-        dagger(tmp_path / "run", CONFIG, SILENT, base=whole / "dataset", processes=1)
+        run_dagger(tmp_path / "run", CONFIG, SILENT, base=whole / "dataset", processes=1)
     assert not (tmp_path / "run").exists()
 
 
 def test_a_run_goes_on_from_a_predictor_and_a_dataset(whole: Path, tmp_path: Path) -> None:
     config = DaggerSettings(**{**vars(CONFIG), "rounds": 1})
     start, base = whole / "round_001" / "heightmap.pt", whole / "dataset"
-    model = dagger(tmp_path, config, SILENT, start=start, base=base, processes=1)
+    model = run_dagger(tmp_path, config, SILENT, start=start, base=base, processes=1)
     assert model.exists()
     records = read_manifest(tmp_path / "dataset")
     assert [record.sha256 for record in records[:2]] == contents(whole)

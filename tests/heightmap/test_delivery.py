@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from saltus.effects.image_delivery import CameraLatency
-from saltus.heightmap.data.delivery import DELIVERIES, TRAINING, ImageDeliveryModel, deliver
+from saltus.heightmap.data.delivery import DELIVERIES, TRAINING, ImageDeliveryModel, draw_delivery
 from saltus.heightmap.data.episode import Episode
 from saltus.heightmap.settings import DeliveryName
 
@@ -22,7 +22,7 @@ def episode(ticks: int = TICKS, **how: Any) -> Episode:
 
 
 def test_without_faults_images_come_every_20_ms_and_are_50_ms_old() -> None:
-    ((frame,), (age_s,), (new,)) = deliver(
+    ((frame,), (age_s,), (new,)) = draw_delivery(
         [episode()], ImageDeliveryModel(), np.random.default_rng(0)
     )
     assert list(frame[:9]) == [-1, -1, -1, -1, -1, 0, 0, 1, 1]
@@ -35,7 +35,9 @@ def test_without_faults_images_come_every_20_ms_and_are_50_ms_old() -> None:
 
 def test_with_faults_time_never_runs_backwards_and_nothing_comes_early() -> None:
     lengths = [TICKS, 100, 61] * 20
-    delivered = deliver([episode(ticks) for ticks in lengths], TRAINING, np.random.default_rng(0))
+    delivered = draw_delivery(
+        [episode(ticks) for ticks in lengths], TRAINING, np.random.default_rng(0)
+    )
     arrived = []
     for ticks, frame, age_s, new in zip(lengths, *delivered, strict=True):
         seen = frame >= 0
@@ -66,7 +68,7 @@ def test_images_are_as_late_as_the_name_says_around_what_is_known(
         else high - low == pytest.approx(np.ptp(model.latency_s))
     )
     jitter_s = 0.0 if name == "at-once" else float(known.jitter)
-    delivered = deliver([episode(latency=known)] * 200, model, np.random.default_rng(0))
+    delivered = draw_delivery([episode(latency=known)] * 200, model, np.random.default_rng(0))
     arrived = delivered.age_s[delivered.new]
     assert low - jitter_s - 1e-9 <= arrived.min() <= low + 0.01 + 1e-9
     latest = high + jitter_s + model.jitter_s
@@ -78,7 +80,7 @@ def test_images_are_as_late_as_the_name_says_around_what_is_known(
 
 def test_images_of_a_camera_without_latency_come_at_once_beside_others_that_do_not() -> None:
     both = [episode(latency=latency) for latency in (CameraLatency(), CameraLatency(latency=0.05))]
-    delivered = deliver(both, TRAINING, np.random.default_rng(0))
+    delivered = draw_delivery(both, TRAINING, np.random.default_rng(0))
     ages = [age_s[new] for age_s, new in zip(delivered.age_s, delivered.new, strict=True)]
     assert ages[0].max() == 0.0
     assert ages[1].min() >= 0.03

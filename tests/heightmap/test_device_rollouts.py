@@ -23,7 +23,7 @@ from saltus.heightmap.data.delivery import FRAME_TICKS, TICK_S, TRAINING, ImageD
 from saltus.heightmap.data.device_cameras import late_images
 from saltus.heightmap.data.device_rollouts import DeviceRollouts
 from saltus.heightmap.data.episode import Episode
-from saltus.heightmap.data.inventory import validate
+from saltus.heightmap.data.inventory import validate_dataset
 from saltus.heightmap.data.shards import read_dataset, read_manifest
 from saltus.heightmap.model import HeightmapModel
 from saltus.heightmap.service.network import HeightmapNetwork
@@ -37,7 +37,7 @@ from saltus.policy.env.randomisation import WideSettings
 from saltus.policy.env.settings import JumpTrainSettings
 from saltus.policy.env.training_env import Transition
 from saltus.policy.policy_features import size_with
-from saltus.policy.training.checkpoint import read_checkpoint
+from saltus.policy.training.checkpoint import read_policy_checkpoint
 
 pytestmark = pytest.mark.slow
 
@@ -87,7 +87,7 @@ def test_robots_are_on_their_way_nearly_all_the_time(datasets: dict[str, Path]) 
 
 def test_both_cameras_see_the_same_motion(datasets: dict[str, Path]) -> None:
     for name in ("d435i", "ideal"):
-        assert validate(datasets[name]) == []
+        assert validate_dataset(datasets[name]) == []
         assert read_manifest(datasets[name])[0].config["camera"] == name
     pairs = list(zip(*(read_dataset(datasets[name]) for name in ("d435i", "ideal")), strict=True))
     for stereo, true in pairs:
@@ -129,7 +129,7 @@ def test_plans_that_are_kept_are_the_policys_on_true_heights(
         plans=True,
     )
     rollouts = DeviceRollouts(
-        loop, read_checkpoint(CHECKPOINTS / "policy.pt"), None, device="cpu", seed=0
+        loop, read_policy_checkpoint(CHECKPOINTS / "policy.pt"), None, device="cpu", seed=0
     )
     bounds = rollouts._env.config.bounds
     monkeypatch.setattr(
@@ -179,7 +179,7 @@ def test_robots_are_led_by_whom_the_share_says(
 
 
 def test_robots_differ_as_at_the_end_of_their_policys_training() -> None:
-    policy = read_checkpoint(CHECKPOINTS / "policy.pt")
+    policy = read_policy_checkpoint(CHECKPOINTS / "policy.pt")
     config = from_toml(JumpTrainSettings, policy["config"])
     wide = WideSettings(share=1.0, growth_msteps=(100.0, 400.0))
     randomisation = replace(config.env.randomisation, wide=wide)
@@ -313,7 +313,7 @@ def test_a_seed_repeats_the_data_and_batches_that_were_whole_when_it_was_interru
         assert list((tmp_path / "data").iterdir()) == []
         return
     assert "what was collected is kept" in said
-    assert validate(tmp_path / "data") == []
+    assert validate_dataset(tmp_path / "data") == []
     kept, whole = read_dataset(tmp_path / "data"), read_dataset(datasets["d435i"])
     assert 0 < len(kept) <= ROBOTS < len(whole)
     for left, right in zip(kept, whole, strict=False):

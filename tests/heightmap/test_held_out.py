@@ -27,10 +27,10 @@ from saltus.heightmap.evaluation.held_out import (
     HeldOutRun,
     HeldOutRuns,
 )
-from saltus.heightmap.evaluation.scores import score, scores
+from saltus.heightmap.evaluation.scores import score, score_table
 from saltus.heightmap.evaluation.visibility import REMEMBERED, UNSEEN, VISIBLE
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.training.validate import accuracy
+from saltus.heightmap.training.validate import height_accuracy
 from saltus.terrain.course_law import PAPER
 from saltus.terrain.curriculum import make_terrain
 
@@ -127,7 +127,7 @@ def test_runs_are_on_all_courses_and_repeatable(runs: list[HeldOutRun], model_pa
             assert (said.half_width_90 > 0.0).all()
         ahead = run.view[:50, HEIGHTMAP_X > 0.6]
         assert (ahead != UNSEEN).mean() > 0.5
-    table = scores(runs)
+    table = score_table(runs)
     # Deprojection is right to a centimetre or two on flat ground; a network that was never trained
     # is not.
     assert table["baselines"]["geometric"]["by_terrain"]["flat"]["mae_m"] < 0.03 < table["mae_m"]
@@ -213,7 +213,7 @@ def test_a_training_is_measured_on_robots_that_came_to_an_edge(
     ticks: int, kinds: tuple[str, ...], uneven: int, courses: int, model_path: Path
 ) -> None:
     episodes = list(gliding_episodes(3, ticks=ticks, terrains=kinds))
-    found = accuracy(HeightmapNetwork(ROBOT, model_path), episodes)
+    found = height_accuracy(HeightmapNetwork(ROBOT, model_path), episodes)
     assert (found.uneven, found.courses) == (uneven, courses)
     assert bool(found.warning) == (uneven < courses)
 

@@ -20,7 +20,7 @@ from saltus.clock import RunClock
 from saltus.config import RunConfig
 from saltus.heightmap.service.process import HeightmapProcess
 from saltus.runtime.process import ProcessContext
-from saltus.wire.bus import topic_of, unpack
+from saltus.wire.bus import topic_of, unpack_sample
 from saltus.wire.joining import LOCAL
 from saltus.wire.messages import Heightmap, HeightmapStatus
 from saltus.wire.router import open_router
@@ -142,7 +142,7 @@ def test_what_a_link_held_has_no_effect_and_heights_are_soon_good_again(
         answers: list[tuple[int, Heightmap]] = []
         for raw in heard.drain():
             topic = topic_of(raw.key)
-            message = unpack(topic, raw)[1] if topic is not None else None
+            message = unpack_sample(topic, raw)[1] if topic is not None else None
             if isinstance(message, Heightmap):
                 answers.append((clock.of_monotonic(raw.arrival_ns), message))
     depth = TOPICS["camera/depth"]

@@ -10,7 +10,7 @@ from test_shards import episodes
 
 from saltus.cli.main import main
 from saltus.depth_camera import SHIPPED
-from saltus.heightmap.data.inventory import info, merge, validate
+from saltus.heightmap.data.inventory import dataset_info, merge_datasets, validate_dataset
 from saltus.heightmap.data.shards import (
     LAYOUT,
     DatasetError,
@@ -74,7 +74,7 @@ DAMAGES: dict[str, tuple[Callable[[h5py.File], None], str]] = {
 
 
 def test_a_sound_dataset_is_called_sound(tmp_path: Path) -> None:
-    assert validate(dataset(tmp_path, 0, 1)) == []
+    assert validate_dataset(dataset(tmp_path, 0, 1)) == []
     assert main(["heightmap", "dataset", "validate", str(tmp_path)]) == 0
 
 
@@ -82,7 +82,7 @@ def test_a_sound_dataset_is_called_sound(tmp_path: Path) -> None:
 def test_what_is_damaged_is_named(tmp_path: Path, damage: str) -> None:
     edit, words = DAMAGES[damage]
     change(dataset(tmp_path, 0, 1), edit)
-    (found, *_) = validate(tmp_path)
+    (found, *_) = validate_dataset(tmp_path)
     assert "round_000.h5" in found
     assert words in found
     assert main(["heightmap", "dataset", "validate", str(tmp_path)]) == 1
@@ -95,23 +95,23 @@ def test_a_changed_or_truncated_shard_is_named(tmp_path: Path, where: float) -> 
     at = int(where * len(sound))
     for broken in (sound[:at], sound[:at] + bytes([sound[at] ^ 255]) + sound[at + 1 :]):
         shard.write_bytes(broken)
-        assert any("round_001.h5" in damage for damage in validate(tmp_path))
-        assert not any("round_000.h5" in damage for damage in validate(tmp_path))
+        assert any("round_001.h5" in damage for damage in validate_dataset(tmp_path))
+        assert not any("round_000.h5" in damage for damage in validate_dataset(tmp_path))
     shard.unlink()
-    assert validate(tmp_path) == [f"{shard} is missing"]
+    assert validate_dataset(tmp_path) == [f"{shard} is missing"]
 
 
 def test_merging_joins_all_episodes_once(tmp_path: Path) -> None:
     left, right = dataset(tmp_path / "left", 0, 1), dataset(tmp_path / "right", 1, 2)
-    merge([left, right], tmp_path / "out")
+    merge_datasets([left, right], tmp_path / "out")
     assert [record.seed for record in read_manifest(tmp_path / "out")] == [0, 1, 2]
     assert len(read_dataset(tmp_path / "out")) == 9
-    assert validate(tmp_path / "out") == []
-    assert info(tmp_path / "out").dataset == dataset_hash(
+    assert validate_dataset(tmp_path / "out") == []
+    assert dataset_info(tmp_path / "out").dataset == dataset_hash(
         read_manifest(dataset(tmp_path / "all", 0, 1, 2))
     )
     with pytest.raises(DatasetError, match="already is a dataset"):
-        merge([left], tmp_path / "out")
+        merge_datasets([left], tmp_path / "out")
 
 
 @pytest.mark.parametrize("field", ["grid_m", "proprioception", "camera", "tick_s"])
@@ -123,7 +123,7 @@ def test_datasets_that_mean_different_things_are_not_merged(tmp_path: Path, fiel
     left, right = dataset(tmp_path / "left", 0), dataset(tmp_path / "right", 1)
     change(right, edit)
     with pytest.raises(DatasetError, match=f"'{field}' is"):
-        merge([left, right], tmp_path / "out")
+        merge_datasets([left, right], tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -131,18 +131,18 @@ def test_older_shards_are_merged_by_their_shapes(tmp_path: Path) -> None:
     left, right = dataset(tmp_path / "left", 0), tmp_path / "right"
     change(left, lambda file: file.attrs.pop(LAYOUT))
     dataset(right, 1)
-    assert len(merge([left, right], tmp_path / "out")) == 2
+    assert len(merge_datasets([left, right], tmp_path / "out")) == 2
     narrow = (replace(e, height=e.height[:, :20]) for e in episodes(3, 4))
     write_shard(tmp_path / "narrow", narrow, seed=4, config={})
     with pytest.raises(DatasetError, match="columns of height"):
-        merge([left, tmp_path / "narrow"], tmp_path / "other")
+        merge_datasets([left, tmp_path / "narrow"], tmp_path / "other")
 
 
 def test_a_damaged_dataset_is_not_merged(tmp_path: Path) -> None:
     shard = dataset(tmp_path / "left", 0) / "round_000.h5"
     shard.write_bytes(shard.read_bytes()[:-10])
     with pytest.raises(DatasetError, match=r"round_000\.h5"):
-        merge([tmp_path / "left"], tmp_path / "out")
+        merge_datasets([tmp_path / "left"], tmp_path / "out")
 
 
 def test_no_dataset_is_an_error(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from saltus.cli.main import main
 from saltus.errors import ModelError
 from saltus.grid import LINE
 from saltus.heightmap.service import model_inbox as heightmap_model_inbox
-from saltus.heightmap.service.model_inbox import FILE, ModelInbox, give
+from saltus.heightmap.service.model_inbox import FILE, ModelInbox, give_model
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.model_file import checksum_path, put_model
 from saltus.runtime.run_folder import SETUP_FILE
@@ -78,13 +78,13 @@ def test_a_good_model_is_handed_over_once(
     inbox: ModelInbox, model_path: Path, tmp_path: Path
 ) -> None:
     assert inbox.poll() is None
-    model_id = give(model_path, put_robot(tmp_path))
+    model_id = give_model(model_path, put_robot(tmp_path))
     assert verdict(inbox).model_id == model_id == HeightmapNetwork(ROBOT, model_path).model_id
     assert inbox.poll() is None
 
 
 def test_what_was_there_before_is_no_news(model_path: Path, tmp_path: Path) -> None:
-    give(model_path, put_robot(tmp_path))
+    give_model(model_path, put_robot(tmp_path))
     inbox = ModelInbox(ROBOT, LINE, tmp_path / FILE)
     assert inbox.poll() is None
     assert inbox._check is None
@@ -131,7 +131,7 @@ def test_after_a_bad_model_a_good_one_is_taken(
     put(b"not a model", tmp_path / FILE)
     with pytest.raises(ModelError, match="not a model"):
         verdict(inbox)
-    give(model_path, put_robot(tmp_path))
+    give_model(model_path, put_robot(tmp_path))
     assert verdict(inbox).model_id == HeightmapNetwork(ROBOT, model_path).model_id
 
 
@@ -147,13 +147,13 @@ def test_a_model_that_cannot_be_used_is_not_even_given(
         checksum_path(model).write_text(checksum_path(model_path).read_text())
         model.write_bytes(model.read_bytes()[:-1])
     with pytest.raises(ModelError, match=r"new\.onnx"):
-        give(model, run_dir)
+        give_model(model, run_dir)
     assert [path.name for path in run_dir.iterdir()] == [SETUP_FILE]
 
 
 def test_closing_does_not_wait_for_a_check(model_path: Path, tmp_path: Path) -> None:
     inbox = ModelInbox(ROBOT, LINE, tmp_path / FILE)
-    give(model_path, put_robot(tmp_path))
+    give_model(model_path, put_robot(tmp_path))
     assert inbox.poll() is None
     before_s = time.monotonic()
     inbox.close()
@@ -169,7 +169,7 @@ def test_a_check_that_cannot_begin_refuses_the_model(
         raise OSError(errno.ENOMEM, "Cannot allocate memory")
 
     monkeypatch.setattr(subprocess, "Popen", no_memory)
-    give(model_path, put_robot(tmp_path))
+    give_model(model_path, put_robot(tmp_path))
     assert inbox.poll() is None
     with pytest.raises(ModelError, match="Cannot allocate memory"):
         verdict(inbox)
@@ -179,7 +179,7 @@ def test_a_check_that_is_killed_refuses_the_model(
     inbox: ModelInbox, model_path: Path, tmp_path: Path
 ) -> None:
     """As it is when the runtime crashes or asks for too much memory."""
-    give(model_path, put_robot(tmp_path))
+    give_model(model_path, put_robot(tmp_path))
     assert inbox.poll() is None
     deadline_s, waiting = time.monotonic() + PATIENCE_S, threading.Event()
     while inbox._process is None:

@@ -34,7 +34,7 @@ from saltus.policy.planner import make_planner
 from saltus.render.__main__ import build
 from saltus.render.process import CameraProcess
 from saltus.runtime.process import ProcessContext
-from saltus.states import state_message
+from saltus.states import robot_state_message
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
 from saltus.wire.messages import ControllerMode, DepthFrame, GroundTruth, Heightmap, RobotState
@@ -51,7 +51,7 @@ GAPS = (FrameDrop(fraction=0.8),)
 
 def robot_state(step: Moment, robot: int) -> RobotState:
     states = step.states
-    return state_message(
+    return robot_state_message(
         states, robot, time_ns=states.step * TICK_NS, step=states.step, mode=ControllerMode.RUN
     )
 

@@ -19,14 +19,20 @@ from saltus.grid import HEIGHTMAP_X, LINE
 from saltus.heightmap.evaluation.comparison import (
     RECORDED,
     HeightComparison,
-    compare,
+    compare_heights,
     in_view,
-    read_run,
+    read_compared_run,
 )
 from saltus.heightmap.evaluation.errors_by import REMEMBERED, VISIBLE, ErrorRow, GroupedErrors
 from saltus.heightmap.evaluation.geometric import GeometricHeightmap
 from saltus.heightmap.evaluation.height_edges import JUMP_M, edge_errors, jumps
-from saltus.heightmap.evaluation.report import APART_S, WORST, WORST_M, measure, write_report
+from saltus.heightmap.evaluation.report import (
+    APART_S,
+    WORST,
+    WORST_M,
+    measure_errors,
+    write_error_report,
+)
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.replay import replay_frames, replay_predictor
 from saltus.recordings.recording import Recording
@@ -71,14 +77,14 @@ def told(
 def compared(
     path: Path, run: Glide, maps: list[Heightmap], *, truth: bool = True
 ) -> HeightComparison:
-    (comparison,) = compare(read_run(record(path, run, maps, truth=truth)))
+    (comparison,) = compare_heights(read_compared_run(record(path, run, maps, truth=truth)))
     return comparison
 
 
 def test_the_truth_has_no_error(run: Glide, geometric: list[Heightmap], tmp_path: Path) -> None:
     zero = np.zeros_like(run.true_height)
     maps = told(run, geometric, zero, zero + 0.01)
-    report = measure([record(tmp_path / "true.mcap", run, maps)])
+    report = measure_errors([record(tmp_path / "true.mcap", run, maps)])
     numbers = report.numbers()["predictors"][RECORDED]
     assert numbers["mae_m"] == pytest.approx(0.0, abs=1e-6)
     assert numbers["edge_error_m"] == pytest.approx(0.0, abs=1e-6)
@@ -102,7 +108,7 @@ def test_a_constant_error_is_found_in_every_group(
 
 
 def test_groups_share_out_all_points(recording: Recording) -> None:
-    errors = GroupedErrors(compare(read_run(recording), ["geometric-feet"])[:1])
+    errors = GroupedErrors(compare_heights(read_compared_run(recording), ["geometric-feet"])[:1])
     overall = errors.overall()
     assert overall is not None
     for table in TABLES:
@@ -204,8 +210,8 @@ def test_a_replayed_model_is_the_recorded_one(run: Glide, model_path: Path, tmp_
     maps = replay_frames(
         HeightmapNetwork(ROBOT, model_path), run.frames, run.states, run.arrival_ns
     )
-    recorded, replayed = compare(
-        read_run(record(tmp_path / "m.mcap", run, maps)), [str(model_path)]
+    recorded, replayed = compare_heights(
+        read_compared_run(record(tmp_path / "m.mcap", run, maps)), [str(model_path)]
     )
     np.testing.assert_array_equal(recorded.height, replayed.height)
     np.testing.assert_array_equal(recorded.visible, replayed.visible)
@@ -265,7 +271,9 @@ def test_what_lies_between_is_missed(
     part = replace(
         run, states=[run.states[i] for i in holed], truths=[run.truths[i] for i in holed]
     )
-    lost = read_run(record(tmp_path / "hole.mcap", part, [geometric[i] for i in holed])).lost
+    lost = read_compared_run(
+        record(tmp_path / "hole.mcap", part, [geometric[i] for i in holed])
+    ).lost
     assert f"20 of {len(run.states)} robot states" in lost
     assert any("depth images" in line for line in lost)
 
@@ -273,7 +281,7 @@ def test_what_lies_between_is_missed(
 def test_nothing_to_compare_is_an_error(run: Glide, tmp_path: Path) -> None:
     empty = record(tmp_path / "empty.mcap", replace(run, states=[], truths=[]), [])
     with pytest.raises(RecordingError):
-        measure([empty])
+        measure_errors([empty])
 
 
 def test_worst_moments_are_apart_and_worst_first(
@@ -282,7 +290,7 @@ def test_worst_moments_are_apart_and_worst_first(
     size = np.abs(np.random.default_rng(0).normal(0.0, 0.03, (len(run.states), 1)))
     maps = told(run, geometric, size * np.ones(30), size * np.ones(30) + 0.01)
     recording = record(tmp_path / "wrong.mcap", run, maps)
-    worst = measure([recording, recording]).worst()
+    worst = measure_errors([recording, recording]).worst()
     assert 1 < len(worst) <= WORST
     found = [float(np.nanmean(np.abs(c.error[i]))) for c, i in worst]
     assert found == sorted(found, reverse=True)
@@ -304,8 +312,8 @@ def test_good_moments_are_not_shown_as_worst(
         for h, e in zip(geometric, wrong, strict=True)
     ]
     recording = record(tmp_path / "flat.mcap", replace(run, truths=flat), maps)
-    assert measure([recording]).worst() == []
-    write_report(measure([recording]), tmp_path / "report.html")
+    assert measure_errors([recording]).worst() == []
+    write_error_report(measure_errors([recording]), tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text()
     assert "There are none." in text
     page = re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL)
@@ -346,4 +354,4 @@ def test_the_page_has_every_part_and_numbers_are_json(
 
 def test_a_page_that_cannot_be_written_is_told(recording: Recording, tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="name another"):
-        write_report(measure([recording]), tmp_path / "no" / "report.html")
+        write_error_report(measure_errors([recording]), tmp_path / "no" / "report.html")

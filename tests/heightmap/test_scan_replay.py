@@ -48,7 +48,9 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
         def write(key: str, message: Message, arrival_ns: int) -> None:
             counts[key] = counts.get(key, 0) + 1
             envelope = Envelope(counts[key], message.time_ns, b"of one simulator")
-            file.write(RawSample(key, codec.encode(message), envelope.to_bytes(), arrival_ns))
+            file.write(
+                RawSample(key, codec.encode_message(message), envelope.to_bytes(), arrival_ns)
+            )
 
         for tick in carried(setup, SCAN, STEPS):
             now_ns = tick.state.time_ns

@@ -10,7 +10,7 @@ from service_runs import DEGRADED, INVALID, OK, WARMING, Faulty, bad_tick, clean
 
 from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.profile import Profile
-from saltus.heightmap.service.image_watch import worse
+from saltus.heightmap.service.image_watch import less_trusted
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.service import HeightmapService
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus
@@ -228,7 +228,7 @@ def test_an_image_of_nothing_is_not_shown_to_the_network(model_path: Path, count
     np.testing.assert_array_equal([h.height for h in answers], [h.height for h in expected])
     assert [h.frame_id for h in answers] == [h.frame_id for h in expected]
     first, back = 2 * 20 + 5, 2 * (20 + count) + 5
-    lost = [worse(h.status, DEGRADED) for h in expected[first:back]]
+    lost = [less_trusted(h.status, DEGRADED) for h in expected[first:back]]
     assert [h.status for h in answers[first:back]] == lost
     assert (INVALID in lost) == (count > 3)  # none for 80 ms
     after = [h.status for h in answers[back:]]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from saltus.heightmap.data.episode import Episode
-from saltus.heightmap.data.inventory import validate
+from saltus.heightmap.data.inventory import validate_dataset
 from saltus.heightmap.data.shard_columns import CHUNK, ShardColumn, read_column
 from saltus.heightmap.data.shards import (
     DatasetError,
@@ -53,7 +53,7 @@ def test_rounds_add_up_and_come_back(tmp_path: Path) -> None:
     records = read_manifest(tmp_path)
     assert [r.seed for r in records] == [0, 1, 2]
     assert sum(r.ticks for r in records) == sum(len(e.height) for e in written)
-    assert validate(tmp_path) == []
+    assert validate_dataset(tmp_path) == []
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def test_episodes_do_not_come_twice(tmp_path: Path, change: dict[str, Any]) -> N
     assert len(read_manifest(tmp_path)) == 3
     assert [
         damage
-        for damage in validate(tmp_path)
+        for damage in validate_dataset(tmp_path)
         if "round_001.h5 holds the episodes of round_000.h5" in damage
     ]
 

@@ -19,7 +19,7 @@ from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION, propr
 from saltus.heightmap.service.service import HeightmapService
 from saltus.heightmap.service.sight import NetworkOutputs, Sight
 from saltus.robots.legs import LegKinematics
-from saltus.states import ProprioceptionArrays, standing_state, state_message
+from saltus.states import ProprioceptionArrays, robot_state_message, standing_state
 from saltus.wire.messages import ControllerMode
 
 ROBOTS, TICKS, TICK_NS = 3, 180, 10_000_000
@@ -112,7 +112,7 @@ def of_services(moments: list[Moment], path: Path) -> Iterator[Seen]:
             if moment.fresh[i]:
                 service.reset()
             time_ns, mode = step * TICK_NS, ControllerMode.RUN
-            state = state_message(moment.states, i, time_ns=time_ns, step=step, mode=mode)
+            state = robot_state_message(moment.states, i, time_ns=time_ns, step=step, mode=mode)
             image = frame(step, 10.0 * step, moment.depth[i]) if moment.arrived[i] else None
             answers.append(service.step(state, image, state.time_ns))
         yield Seen(

@@ -58,13 +58,13 @@ def changed(
     samples = []
     for topic in ("controller/state", "camera/depth", "heightmap/heightmap"):
         for index, (arrival_ns, envelope, payload) in enumerate(recording.payloads(topic)):
-            message: Message | None = codec.decode(TOPICS[topic].message, payload)
+            message: Message | None = codec.decode_message(TOPICS[topic].message, payload)
             if isinstance(message, kind):
                 message = change(message, index)
             if message is not None:
                 again = Envelope(envelope.sequence, message.time_ns, envelope.boot_id)
                 samples.append(
-                    RawSample(topic, codec.encode(message), again.to_bytes(), arrival_ns)
+                    RawSample(topic, codec.encode_message(message), again.to_bytes(), arrival_ns)
                 )
     samples.sort(key=lambda sample: sample.arrival_ns)
     with Recorder(
@@ -182,9 +182,13 @@ def test_a_clock_of_its_own_is_named_for_which_no_service_answers(
         for topic in ("controller/state", "camera/depth"):
             for arrival_ns, envelope, payload in standing.payloads(topic):
                 dated_ns = envelope.capture_ns + begin_ns + round(1e9 * ahead_s)
-                message = replace(codec.decode(TOPICS[topic].message, payload), time_ns=dated_ns)
+                message = replace(
+                    codec.decode_message(TOPICS[topic].message, payload), time_ns=dated_ns
+                )
                 again = Envelope(envelope.sequence, dated_ns, envelope.boot_id).to_bytes()
-                file.write(RawSample(topic, codec.encode(message), again, arrival_ns + begin_ns))
+                file.write(
+                    RawSample(topic, codec.encode_message(message), again, arrival_ns + begin_ns)
+                )
     assert main(["heightmap", "check", str(path)]) == 2
     said = f"states are {abs(ahead_s):.3f} s {'ahead of' if ahead_s > 0 else 'behind'} the clock of this computer"
     assert said in capsys.readouterr().err

@@ -17,8 +17,8 @@ from saltus.effects.profile import Profile
 from saltus.grid import LINE
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
 from saltus.heightmap.data.randomisation import random_mount
-from saltus.heightmap.data.robot_cameras import robot_cameras, sampled
-from saltus.heightmap.data.rollouts import RobotTrajectory, filmed
+from saltus.heightmap.data.robot_cameras import rendered_intrinsics, robot_cameras
+from saltus.heightmap.data.rollouts import RobotTrajectory, film_robots
 from saltus.heightmap.settings import ClosedLoop
 from saltus.loop.loop import STAND_STEPS, Loop
 from saltus.policy.planner import make_planner
@@ -26,7 +26,7 @@ from saltus.render.camera import RobotCamera
 from saltus.render.eyes import SAMPLED
 from saltus.render.randomisation import drawn_cameras
 from saltus.render.stereo.camera import IDEAL_STEREO, StereoConfig
-from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled
+from saltus.render.stereo.model_view import COLUMNS, ROWS, pool_valid
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
 
@@ -49,7 +49,8 @@ def taken(
     """Images of each robot [mm]."""
     rng = np.random.default_rng(2)
     return [
-        episode.depth for episode in filmed(motion, views, camera, Profile(), LINE, rng, renderer)
+        episode.depth
+        for episode in film_robots(motion, views, camera, Profile(), LINE, rng, renderer)
     ]
 
 
@@ -149,7 +150,7 @@ def test_whole_images_have_the_pixels_of_which_the_model_gets_means() -> None:
         if means is None or whole is None:
             assert i % 2 == 1
             continue
-        lens = sampled(D435I)
+        lens = rendered_intrinsics(D435I)
         assert whole.depth.shape == (3, lens.height, lens.width)
-        expected = pooled(whole.depth * MILLIMETRE, ROWS, COLUMNS) / MILLIMETRE
+        expected = pool_valid(whole.depth * MILLIMETRE, ROWS, COLUMNS) / MILLIMETRE
         np.testing.assert_allclose(means.depth, expected, atol=1.0)  # both in whole millimetres

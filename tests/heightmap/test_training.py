@@ -22,10 +22,10 @@ from saltus.heightmap.settings import PredictorTraining
 from saltus.heightmap.training import release as heightmap_release
 from saltus.heightmap.training import train as heightmap_train
 from saltus.heightmap.training.dataset import EpisodeStore, ImageNoise, run_window
-from saltus.heightmap.training.release import ModelRelease, release
-from saltus.heightmap.training.train import TrainingProgress, load_checkpoint, train
+from saltus.heightmap.training.release import ModelRelease, release_model
+from saltus.heightmap.training.train import TrainingProgress, load_checkpoint, train_heightmap
 from saltus.heightmap.training.validate import SETTLED_TICKS
-from saltus.resources import resource
+from saltus.resources import shipped_file
 
 pytestmark = pytest.mark.usefixtures("short_calibration")
 
@@ -38,7 +38,7 @@ SOME = PredictorTraining(**{**vars(CONFIG), "updates": 8})
 def begun(data: Path, tmp_path_factory: pytest.TempPathFactory, short_calibration: None) -> Path:
     """Checkpoint of a training of one update."""
     path = tmp_path_factory.mktemp("begun") / "a.pt"
-    train(data, path, ONE)
+    train_heightmap(data, path, ONE)
     return path
 
 
@@ -57,7 +57,7 @@ def trained(
 ) -> Path:
     """Checkpoint of a whole training, small as it is."""
     path = tmp_path_factory.mktemp("trained") / "a.pt"
-    train(data, path, CONFIG, told.append)
+    train_heightmap(data, path, CONFIG, told.append)
     return path
 
 
@@ -69,7 +69,7 @@ def released(
     and its folder, which tests leave as it is.
     """
     folder = tmp_path_factory.mktemp("released")
-    return release(begun, data, folder / "m.onnx"), folder
+    return release_model(begun, data, folder / "m.onnx"), folder
 
 
 def test_training_lowers_the_error_and_the_release_measures_it(
@@ -81,7 +81,7 @@ def test_training_lowers_the_error_and_the_release_measures_it(
 ) -> None:
     assert told[-1].update == CONFIG.updates
     before, _ = released
-    after = release(trained, data, tmp_path / "b.onnx")
+    after = release_model(trained, data, tmp_path / "b.onnx")
     assert after.clean.mae_m < before.clean.mae_m
     assert after.parity < 1e-5
     assert after.model_id == HeightmapNetwork(ROBOT, tmp_path / "b.onnx").model_id
@@ -95,13 +95,13 @@ def test_a_model_is_measured_on_what_it_was_not_trained_on(
     manifest.mkdir()
     shutil.copy(data / "manifest.json", manifest)  # the shards stayed on the machine that trained
     write_shard(unseen, gliding_episodes(3, seed=1), seed=1, config={"source": "synthetic"})
-    result = release(begun, manifest, tmp_path / "a.onnx", unseen)
+    result = release_model(begun, manifest, tmp_path / "a.onnx", unseen)
     assert result.clean.ticks == 3 * (150 - SETTLED_TICKS)
     assert read_manifest(data)[0].sha256[:16] in (tmp_path / "a.md").read_text()
     with pytest.raises(DatasetError, match="was trained on"):
-        release(begun, data, tmp_path / "b.onnx", data)
+        release_model(begun, data, tmp_path / "b.onnx", data)
     with pytest.raises(DatasetError, match="not on"):
-        release(begun, unseen, tmp_path / "b.onnx")
+        release_model(begun, unseen, tmp_path / "b.onnx")
     assert not (tmp_path / "b.onnx").exists()
 
 
@@ -121,10 +121,10 @@ def test_what_the_start_of_a_training_saw_and_twins_of_it_are_not_unseen(
         seed=2,
         config={"source": "synthetic", "camera": "d435i"},
     )
-    train(further, tmp_path / "b.pt", ONE, start=begun)
+    train_heightmap(further, tmp_path / "b.pt", ONE, start=begun)
     for known in (data, twin):
         with pytest.raises(DatasetError, match="was trained on"):
-            release(tmp_path / "b.pt", further, tmp_path / "b.onnx", known)
+            release_model(tmp_path / "b.pt", further, tmp_path / "b.onnx", known)
 
 
 def test_the_command_measures_on_unseen_data_and_says_so(
@@ -163,11 +163,11 @@ def test_an_export_that_ends_early_leaves_the_model_that_was_there(
 
     monkeypatch.setattr(heightmap_release, step, interrupted)
     with pytest.raises(KeyboardInterrupt):
-        release(trained, data, folder / "m.onnx")
+        release_model(trained, data, folder / "m.onnx")
     monkeypatch.setattr(heightmap_release, step, lambda *_: math.nan)
     if step == "parity":
         with pytest.raises(ModelError, match="differs"):
-            release(trained, data, folder / "m.onnx")
+            release_model(trained, data, folder / "m.onnx")
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
@@ -176,8 +176,8 @@ def test_a_moment_of_further_training_from_the_shipped_network_is_exported(
     data: Path, tmp_path: Path
 ) -> None:
     config = PredictorTraining(updates=3, batch=4, window=30, device="cpu")
-    train(data, tmp_path / "a.pt", config, start=resource("models/heightmap.onnx"))
-    assert release(tmp_path / "a.pt", data, tmp_path / "a.onnx").parity < 1e-5
+    train_heightmap(data, tmp_path / "a.pt", config, start=shipped_file("models/heightmap.onnx"))
+    assert release_model(tmp_path / "a.pt", data, tmp_path / "a.onnx").parity < 1e-5
 
 
 def _gates_swapped(model: HeightmapModel) -> None:
@@ -209,9 +209,9 @@ def test_a_file_of_another_network_is_refused(
         damage(other)
         law(other, *rest)
 
-    monkeypatch.setattr(heightmap_release, "export", wrong)
+    monkeypatch.setattr(heightmap_release, "export_heightmap", wrong)
     with pytest.raises(ModelError, match="differs"):
-        release(trained, data, tmp_path / "a.onnx")
+        release_model(trained, data, tmp_path / "a.onnx")
     assert not (tmp_path / "a.onnx").exists()
 
 
@@ -222,10 +222,10 @@ def test_an_interrupted_training_goes_on(data: Path, tmp_path: Path) -> None:
         raise KeyboardInterrupt
 
     checkpoint = tmp_path / "c.pt"
-    train(data, checkpoint, config)
+    train_heightmap(data, checkpoint, config)
     assert load_checkpoint(checkpoint)[1]["update"] == config.updates
     before = checkpoint.read_bytes()
-    model = train(data, checkpoint, config, interrupt)
+    model = train_heightmap(data, checkpoint, config, interrupt)
     assert checkpoint.read_bytes() == before
     loaded, _ = load_checkpoint(checkpoint)
     for a, b in zip(model.parameters(), loaded.parameters(), strict=True):
@@ -250,14 +250,14 @@ def test_what_was_learned_before_an_interruption_is_kept(
 
     monkeypatch.setattr(heightmap_train, where, interrupted)
     with pytest.raises(KeyboardInterrupt):
-        train(data, checkpoint, config)
+        train_heightmap(data, checkpoint, config)
     assert [path.name for path in tmp_path.iterdir()] == ["c.pt"]
     # With the last update the calibration is made again.
     assert (
         load_checkpoint(checkpoint)[1]["update"]
         == {"run_window": 4, "calibrate": config.updates - 1}[where]
     )
-    train(data, checkpoint, config)
+    train_heightmap(data, checkpoint, config)
     assert load_checkpoint(checkpoint)[1]["update"] == config.updates
     assert len(calls) == {"run_window": config.updates + 1, "calibrate": 2}[where]
 
@@ -275,7 +275,9 @@ def test_an_interruption_while_it_is_kept_loses_nothing(
 
     monkeypatch.setattr(torch, "save", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        train(data, checkpoint, PredictorTraining(**{**vars(CONFIG), "save_every_s": 0.0}))
+        train_heightmap(
+            data, checkpoint, PredictorTraining(**{**vars(CONFIG), "save_every_s": 0.0})
+        )
     assert load_checkpoint(checkpoint)[1]["update"] == 1
 
 
@@ -283,7 +285,7 @@ def test_a_checkpoint_of_another_training_is_left_alone(
     data: Path, begun: Path, trained: Path, tmp_path: Path
 ) -> None:
     path = tmp_path / "c.pt"
-    train(data, path, ONE, start=begun)
+    train_heightmap(data, path, ONE, start=begun)
     before = path.read_bytes()
     for change, start, values in (
         ("updates", begun, {"updates": 3}),
@@ -291,7 +293,7 @@ def test_a_checkpoint_of_another_training_is_left_alone(
         ("start", trained, {}),
     ):
         with pytest.raises(ModelError, match=f"another training .*{change}"):
-            train(data, path, PredictorTraining(**{**vars(ONE), **values}), start=start)
+            train_heightmap(data, path, PredictorTraining(**{**vars(ONE), **values}), start=start)
         assert path.read_bytes() == before
 
 
@@ -355,7 +357,7 @@ def test_a_checkpoint_that_cannot_be_written_is_said_before_any_work(
     (tmp_path / "file").write_text("no folder")
     told: list[TrainingProgress] = []
     with pytest.raises(SaltusError, match="folder"):
-        train(data, tmp_path / "file" / "a.pt", CONFIG, told.append)
+        train_heightmap(data, tmp_path / "file" / "a.pt", CONFIG, told.append)
     assert not told
 
 
@@ -370,7 +372,7 @@ def test_a_training_forgets_as_often_as_it_is_told(
         return windows(*given, forgets=forgets)
 
     monkeypatch.setattr(EpisodeStore, "windows", watched)
-    monkeypatch.setattr(heightmap_train, "calibrate", lambda *_: None)
+    monkeypatch.setattr(heightmap_train, "calibrate_intervals", lambda *_: None)
     assert saltus([*quick(data, tmp_path / "g"), "--forgets", "0.25"]) == 0
     assert saltus(quick(data, tmp_path / "h")) == 0
     assert shares == [0.25, PredictorTraining().forgets]
@@ -394,7 +396,7 @@ def test_a_further_round_begins_with_what_was_learned(
 ) -> None:
     told: list[TrainingProgress] = []
     further = PredictorTraining(**{**vars(ONE), "learning_rate": 0.0, "seed": 5})
-    model = train(data, tmp_path / "e.pt", further, told.append, start=trained)
+    model = train_heightmap(data, tmp_path / "e.pt", further, told.append, start=trained)
     before = load_checkpoint(trained)[0].state_dict()
     for name, weights in model.state_dict().items():
         if name != "correction":  # of intervals: it is fitted anew

@@ -21,7 +21,7 @@ import pytest
 from report_pages import opens_without_a_network
 
 from saltus.cli.main import main
-from saltus.config import RunConfig, load
+from saltus.config import RunConfig, load_config
 from saltus.recordings.recording import read_recording
 from saltus.wire.messages import ControllerMode, RobotState
 
@@ -137,7 +137,7 @@ def test_a_run_goes_ahead_and_every_message_comes_at_its_rate(
     first: tuple[Path, dict[str, Any]],
 ) -> None:
     folder, table = first
-    assert load(RunConfig, folder / "run.toml").planner == "learned"
+    assert load_config(RunConfig, folder / "run.toml").planner == "learned"
     assert table["distance_m"] > 1.0  # 1 s of standing, then at more than 1 m/s
     assert table["rejected"] == {}
     rates = {

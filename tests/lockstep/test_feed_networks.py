@@ -20,14 +20,14 @@ from saltus.depth_camera import load_camera
 from saltus.effects.camera import NOMINAL_LATENCY
 from saltus.grid import LINE
 from saltus.heightmap.data.delivery import TRAINING
-from saltus.heightmap.training.interface import frames_and_feet, interface
+from saltus.heightmap.training.interface import frames_and_feet, model_interface
 from saltus.model_file import ModelFile
 from saltus.recordings.recording import Recording, read_recording
-from saltus.resources import resource
+from saltus.resources import shipped_file
 from saltus.wire.messages import DepthFrame, Heightmap, MotionPlan, PlanStatus, RobotState
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "feed_networks.py"
-MODELS = {name: resource(f"models/{name}.onnx") for name in ("heightmap", "policy")}
+MODELS = {name: shipped_file(f"models/{name}.onnx") for name in ("heightmap", "policy")}
 STEPS = 500
 
 
@@ -109,15 +109,16 @@ def test_the_example_needs_no_saltus_and_runs() -> None:
 
 @pytest.mark.parametrize("name", ["heightmap", "policy", "scan"])
 def test_a_card_names_the_model_file_that_it_describes(name: str) -> None:
-    model_id = ModelFile(resource(f"models/{name}.onnx")).model_id
-    title, _ = resource(f"models/{name}.md").read_text(encoding="utf-8").split("\n", 1)
+    model_id = ModelFile(shipped_file(f"models/{name}.onnx")).model_id
+    title, _ = shipped_file(f"models/{name}.md").read_text(encoding="utf-8").split("\n", 1)
     assert model_id in title
 
 
 def test_the_cards_say_what_the_code_does() -> None:
-    heightmap, policy = (resource(f"models/{name}.md").read_text() for name in MODELS)
+    heightmap, policy = (shipped_file(f"models/{name}.md").read_text() for name in MODELS)
     hidden = onnxruntime.InferenceSession(MODELS["heightmap"]).get_inputs()[-1].shape[1]
     assert (
-        interface(ROBOT, LINE, load_camera("d435i"), NOMINAL_LATENCY, hidden, TRAINING) in heightmap
+        model_interface(ROBOT, LINE, load_camera("d435i"), NOMINAL_LATENCY, hidden, TRAINING)
+        in heightmap
     )
     assert frames_and_feet(ROBOT) in policy

@@ -20,7 +20,7 @@ from saltus.grid import LINE
 from saltus.heightmap.data.device_rollouts import _curriculum
 from saltus.heightmap.data.shards import read_dataset
 from saltus.heightmap.settings import DeviceLoop
-from saltus.policy.csv_tables import read_table
+from saltus.policy.csv_tables import read_csv_table
 from saltus.policy.env.curriculum import CurriculumSettings
 from saltus.policy.env.jump_env import JumpEnv
 from saltus.policy.env.settings import JumpEnvSettings
@@ -188,7 +188,7 @@ def test_a_policy_is_trained_on_it(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     resumed = ("--resume", str(tmp_path / "checkpoint.pt"), "--iterations", "3", "--out", str(more))
     assert main(["policy", "train", *resumed]) == 0
     for folder in (tmp_path, more):
-        assert float(read_table(folder / "progress.csv")[-1]["beams/level"]) >= 0.0
+        assert float(read_csv_table(folder / "progress.csv")[-1]["beams/level"]) >= 0.0
 
 
 @pytest.mark.parametrize("library", [np.asarray, torch.as_tensor], ids=["numpy", "torch"])

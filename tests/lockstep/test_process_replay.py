@@ -71,7 +71,7 @@ def answers(recording: Recording, name: str) -> list[ReplayedMessage]:
     """Messages of a process, as they are recorded."""
     keys = [key for key in recording.senders if sender_of(key) == name]
     return [
-        ReplayedMessage(key, message, codec.encode(message))
+        ReplayedMessage(key, message, codec.encode_message(message))
         for key in keys
         if not key.startswith("status/")
         for _, _, message in recording.messages(key)
@@ -112,9 +112,9 @@ def test_a_changed_entry_is_told_with_its_place(recording: Recording, name: str)
         comparison = AnswerComparison(recording, name)
         for answer in said:
             changed = answer.message is message
-            comparison.take(key, other, codec.encode(other)) if changed else comparison.take(
-                *answer
-            )
+            comparison.take(
+                key, other, codec.encode_message(other)
+            ) if changed else comparison.take(*answer)
         comparison.finish()
         first = comparison.first
         assert first is not None
@@ -158,7 +158,7 @@ def test_messages_that_one_side_lacks_are_counted(recording: Recording) -> None:
     for answer in (*said[:10], *said[12:]):
         comparison.take(*answer)
     late = replace(said[-1].message, time_ns=said[-1].message.time_ns + 1)
-    comparison.take("policy/plan", late, codec.encode(late))
+    comparison.take("policy/plan", late, codec.encode_message(late))
     comparison.finish()
     counts = comparison.topics["policy/plan"]
     assert (counts.equal, counts.missing, counts.more) == (len(said) - 2, 2, 1)

@@ -12,9 +12,9 @@ import pytest
 from plain_reader import messages_of
 
 from saltus.cli.main import main
-from saltus.config import load
+from saltus.config import load_config
 from saltus.recordings.recording import read_recording
-from saltus.recordings.summary import summarise
+from saltus.recordings.summary import summarise_run
 from saltus.terrain.terrain import Terrain
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "course.toml"
@@ -66,8 +66,8 @@ def crossed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 def test_a_course_is_crossed_from_its_file_alone_and_the_recording_has_it(crossed: Path) -> None:
     recording = read_recording(crossed)
-    assert recording.terrain == load(Terrain, EXAMPLE)
-    assert summarise(recording).terrain == recording.terrain.kind
+    assert recording.terrain == load_config(Terrain, EXAMPLE)
+    assert summarise_run(recording).terrain == recording.terrain.kind
     heights = recording.terrain.height_at(np.array([1.0, 2.0, 3.0, 4.2, 6.2465, 8.0]), 0.0)
     np.testing.assert_allclose(heights, [0.0, 0.2, 0.4, 0.1, 0.6, 0.8], atol=1e-3)
 

@@ -17,7 +17,7 @@ from saltus.grid import SCAN_AND_LINE, WALKING_GRID
 from saltus.policy.joints.footing import BEARS_NS, LONGEST_NS
 from saltus.policy.joints.walker import STOP_NS
 from saltus.recordings.recording import Recording, read_recording
-from saltus.recordings.timing import digest
+from saltus.recordings.timing import run_digest
 from saltus.runtime.stack import Stack
 from saltus.wire.messages import (
     CommandMode,
@@ -167,4 +167,4 @@ def test_five_processes_over_zenoh_say_what_threads_in_one_process_say(tmp_path:
     assert {command.mode for command in processes.of(DriveCommand)} == {
         CommandMode.WALK, CommandMode.STAND,
     }  # fmt: skip
-    assert digest(processes) == digest(threads)
+    assert run_digest(processes) == run_digest(threads)

@@ -7,7 +7,7 @@ import pytest
 from samples import ROBOT
 
 from saltus.loop.planner import compiled_observe, observe
-from saltus.policy.policy_features import features
+from saltus.policy.policy_features import policy_features
 from saltus.robots.legs import LegKinematics
 from saltus.states import ProprioceptionArrays
 
@@ -41,5 +41,5 @@ def test_compiled_observations_are_the_observations(seed: int) -> None:
             one, other = getattr(expected, field.name), getattr(found, field.name)
             assert np.shape(one) == np.shape(other)
             np.testing.assert_allclose(np.asarray(other), np.asarray(one), rtol=0.0, atol=1e-9)
-        vectors = [features(observation, heights) for observation in (expected, found)]
+        vectors = [policy_features(observation, heights) for observation in (expected, found)]
         np.testing.assert_allclose(*vectors, rtol=0.0, atol=1e-9)

@@ -11,7 +11,12 @@ from saltus.config import TerrainConfig
 from saltus.depth_camera import SHIPPED
 from saltus.errors import ConfigError
 from saltus.loop.heights import exact_heights
-from saltus.policy.evaluation.evaluate import EvaluationSettings, courses_of, evaluate, merged
+from saltus.policy.evaluation.evaluate import (
+    EvaluationSettings,
+    courses_of,
+    evaluate_policy,
+    merge_batches,
+)
 
 FLAT = TerrainConfig(terrain="flat")
 
@@ -21,8 +26,8 @@ def test_outcomes_come_back_by_seed_and_do_not_depend_on_the_batch() -> None:
         robot="go1", grid="line", course=FLAT, trials=3, seed=7, time_limit_s=1.2
     )
     heard: list[float] = []
-    (part,) = evaluate(evaluation, exact_heights, processes=1, listener=heard.append)
-    together = merged([part])
+    (part,) = evaluate_policy(evaluation, exact_heights, processes=1, listener=heard.append)
+    together = merge_batches([part])
     assert together.seeds == (7, 8, 9)
     assert together.successes == 0
     assert together.failures == {"timeout": 3}
@@ -30,8 +35,8 @@ def test_outcomes_come_back_by_seed_and_do_not_depend_on_the_batch() -> None:
     assert len(heard) > 3
     assert all(share >= 0.0 for share in heard)
     assert sum(heard) == pytest.approx(3.0)
-    alone = merged(
-        evaluate(
+    alone = merge_batches(
+        evaluate_policy(
             EvaluationSettings(
                 robot="go1", grid="line", course=FLAT, trials=1, seed=8, time_limit_s=1.2
             ),

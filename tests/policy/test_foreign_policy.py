@@ -13,7 +13,7 @@ from samples import ROBOT
 from torch import Tensor, nn
 from walking_policies import OURS, put_policy
 
-from saltus.config import load
+from saltus.config import load_config
 from saltus.dialects import DIALECTS, Dialect
 from saltus.errors import ConfigError, ModelError
 from saltus.grid import SCAN
@@ -203,7 +203,7 @@ def test_our_own_policy_told_as_somebody_elses_walks_the_same(tmp_path: Path) ->
 
 
 def test_the_example_is_a_description() -> None:
-    described = load(PolicyDescription, EXAMPLE)
+    described = load_config(PolicyDescription, EXAMPLE)
     assert described.dialect == DIALECTS["legged_gym"]
     assert described.size == 235  # legged_gym's num_observations on rough ground
     assert described.pose[JOINTS.index("RR_thigh")] == 1.0

@@ -15,9 +15,9 @@ from saltus.policy.bounds import ACTIONS, ActionBounds
 from saltus.policy.env.jump_env import JumpEnv
 from saltus.policy.env.settings import JumpTrainSettings, LearningSettings
 from saltus.policy.policy_features import size_with
-from saltus.policy.training.export import export
+from saltus.policy.training.export import export_policy
 from saltus.policy.training.learner import FIRST_ACTION, JumpLearner, make_actor, rebase
-from saltus.policy.training.train import Rank, make_engine, train
+from saltus.policy.training.train import Rank, make_engine, train_policy
 
 CONFIG = JumpTrainSettings(
     robot="go1",
@@ -28,7 +28,7 @@ CONFIG = JumpTrainSettings(
 
 
 def run(folder, iterations, resume=None):
-    train(CONFIG, folder, minutes=1.0, rank=Rank(), resume=resume, iterations=iterations)
+    train_policy(CONFIG, folder, minutes=1.0, rank=Rank(), resume=resume, iterations=iterations)
     return torch.load(folder / "checkpoint.pt", weights_only=True)
 
 
@@ -67,12 +67,12 @@ def test_a_file_that_is_no_checkpoint_is_refused(tmp_path):
     path = tmp_path / "checkpoint.pt"
     path.write_bytes(b"nothing")
     with pytest.raises(SaltusError, match="no checkpoint"):
-        export(path, tmp_path / "policy.onnx")
+        export_policy(path, tmp_path / "policy.onnx")
 
 
 def test_the_exported_policy_equals_the_trained_one(checkpoint, tmp_path):
     path = tmp_path / "policy.onnx"
-    assert export(checkpoint, path) < 1e-5
+    assert export_policy(checkpoint, path) < 1e-5
     actor, bounds = PolicyActor(ROBOT, LINE, path), ActionBounds()
     values = actor.values(np.random.default_rng(0).normal(0.0, 5.0, (2, 7, size_with(LINE))))
     assert values.shape == (2, 7, len(ACTIONS))
@@ -130,12 +130,12 @@ def test_a_training_goes_on_with_other_bounds(checkpoint, tmp_path):
     wider = ActionBounds(low=old.low, high=(*old.high[:9], 0.9))
     config = replace(CONFIG, env=replace(CONFIG.env, bounds=wider))
     # None is left to do
-    train(config, tmp_path, minutes=1.0, rank=Rank(), resume=checkpoint, iterations=3)
+    train_policy(config, tmp_path, minutes=1.0, rank=Rank(), resume=checkpoint, iterations=3)
     path = tmp_path / "policy.onnx"
-    assert export(tmp_path / "checkpoint.pt", path) < 1e-5
+    assert export_policy(tmp_path / "checkpoint.pt", path) < 1e-5
     given = np.random.default_rng(0).normal(0.0, 0.3, (5, size_with(LINE)))
     first = tmp_path / "first.onnx"
-    export(checkpoint, first)
+    export_policy(checkpoint, first)
     np.testing.assert_allclose(
         PolicyActor(ROBOT, LINE, path).values(given),
         PolicyActor(ROBOT, LINE, first).values(given),
@@ -159,7 +159,7 @@ def test_a_training_goes_on_with_other_bounds(checkpoint, tmp_path):
 )
 def test_a_policy_for_another_program_is_refused(checkpoint, tmp_path, name):
     path = tmp_path / "policy.onnx"
-    export(checkpoint, path)
+    export_policy(checkpoint, path)
     file = onnx.load(path)
     metadata = {entry.key: entry.value for entry in file.metadata_props}
     changed = tmp_path / "changed.onnx"  # beside the first lies its checksum

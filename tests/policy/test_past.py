@@ -22,10 +22,10 @@ from saltus.onnx_export import round_to_half
 from saltus.policy.actor import PolicyActor
 from saltus.policy.env.jump_env import JumpEnv
 from saltus.policy.env.settings import JumpEnvSettings, JumpTrainSettings, LearningSettings
-from saltus.policy.policy_features import PROPRIOCEPTION_SIZE, RECALLED, read, size_with
-from saltus.policy.training.export import DeployedPolicy, export, read_policy
-from saltus.policy.training.train import Rank, train
-from saltus.resources import resource
+from saltus.policy.policy_features import PROPRIOCEPTION_SIZE, RECALLED, read_features, size_with
+from saltus.policy.training.export import DeployedPolicy, export_policy, read_policy
+from saltus.policy.training.train import Rank, train_policy
+from saltus.resources import shipped_file
 from saltus.robots.legs import LegKinematics
 from saltus.sim.cpu_engine import CpuEngine
 from saltus.terrain.course_batch import BOXES
@@ -47,7 +47,7 @@ CONFIG = JumpTrainSettings(
 def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A policy that recalls, trained for a moment, whose plans depend on the past."""
     folder = tmp_path_factory.mktemp("training")
-    train(CONFIG, folder, minutes=1.0, rank=Rank(), iterations=2)
+    train_policy(CONFIG, folder, minutes=1.0, rank=Rank(), iterations=2)
     checkpoint = folder / "checkpoint.pt"
     state = torch.load(checkpoint, weights_only=True)
     last = [name for name in state["actor_state_dict"] if name.endswith("weight")][-1]
@@ -55,7 +55,7 @@ def policy(tmp_path_factory: pytest.TempPathFactory) -> Path:
         30.0  # an untrained network says nearly the same whatever it sees
     )
     torch.save(state, checkpoint)
-    assert export(checkpoint, folder / "policy.onnx") < 1e-4
+    assert export_policy(checkpoint, folder / "policy.onnx") < 1e-4
     return folder / "policy.onnx"
 
 
@@ -70,7 +70,7 @@ def test_a_policys_file_drives_on_a_device_as_its_checkpoint_does(
     with torch.no_grad():
         torch.testing.assert_close(one(given), other(given))
     with pytest.raises(ModelError, match="is no motion policy"):
-        read_policy(resource("models/heightmap.onnx"))
+        read_policy(shipped_file("models/heightmap.onnx"))
     file = onnx.load(policy)
     (config,) = (entry for entry in file.metadata_props if entry.key == "config")
     known, config.value = config.value, "3"
@@ -132,9 +132,9 @@ def test_the_deployed_planner_recalls_what_the_training_does(policy: Path) -> No
     )
     together, one = PolicyActor(ROBOT, LINE, policy), PolicyActor(ROBOT, LINE, policy)
     for now, plan in enumerate(plans):
-        observation, heights = read(shown[now].double().numpy(), LINE)
+        observation, heights = read_features(shown[now].double().numpy(), LINE)
         said = together.step(observation, heights, fresh[now].numpy())
-        alone = one.step(*read(shown[now][0].double().numpy(), LINE), bool(fresh[now][0]))
+        alone = one.step(*read_features(shown[now][0].double().numpy(), LINE), bool(fresh[now][0]))
         expected = CONFIG.env.bounds.denormalised(plan).numpy()
         np.testing.assert_allclose(said.velocity_x, expected[:, 1], atol=1e-4)
         np.testing.assert_allclose(said.foot_residual_rear, expected[:, 7:], atol=1e-4)

@@ -7,7 +7,7 @@ import pytest
 from samples import KINEMATICS, ROBOT
 
 from saltus.controller.swing import SwingLegs
-from saltus.controller.yaw_frame import YawFrameBody, observe
+from saltus.controller.yaw_frame import YawFrameBody, observe_body
 from saltus.policy.bounds import ACTIONS, ActionBounds, plan_from_values, values_of
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 from saltus.states import standing_state
@@ -20,7 +20,7 @@ def body(pitch: float) -> YawFrameBody:
     """A robot with its legs in the standing pose."""
     flat, legs = np.zeros(1), ROBOT.stand_pose[None]
     level = quaternion_from_roll_pitch_yaw(flat, flat + pitch, flat)
-    return observe(
+    return observe_body(
         replace(standing_state(ROBOT), quaternion_base_in_world=level, joint_position=legs),
         KINEMATICS,
     )

@@ -10,9 +10,9 @@ from saltus.controller.tick import CompiledTickLaw
 from saltus.drive.wish import STAND, Wish
 from saltus.errors import ConfigError
 from saltus.grid import WALKING_GRID
-from saltus.policy.evaluation.walking_grounds import ground
+from saltus.policy.evaluation.walking_grounds import make_walk_ground
 from saltus.policy.evaluation.walking_trials import BEGINS_S, WalkTrials
-from saltus.policy.evaluation.walks import TrueHeightSource, WalkStep, walk
+from saltus.policy.evaluation.walks import TrueHeightSource, WalkStep, walk_steps
 from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.joints.walker import Walker
 from saltus.trial import is_upright
@@ -26,9 +26,9 @@ def steps_of(robot: str, wish: Wish) -> Iterator[WalkStep]:
     """Four seconds of a command on level ground, and two to stand in."""
     model = walking_path(robot)
     settings = WalkTrials(robot=robot, grid=WALKING_GRID, model=model)
-    setup, policy = settings.setup(ground("plain", 0), 7), JointPolicy(model)
+    setup, policy = settings.setup(make_walk_ground("plain", 0), 7), JointPolicy(model)
     places = setup.grid.places_of(policy.description.height_grid())
-    run = walk(
+    run = walk_steps(
         setup,
         [Walker(setup.robot, policy, places)],
         TrueHeightSource(setup),

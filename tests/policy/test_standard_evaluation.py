@@ -17,8 +17,8 @@ from saltus.policy.training.background_evaluation import (
     BackgroundEvaluation,
     EvaluationRow,
     append_rows,
+    evaluation_line,
     read_rows,
-    summary,
 )
 from saltus.policy.training.learner import JumpLearner
 from saltus.policy.training.progress import JumpTally
@@ -73,7 +73,7 @@ def test_rows_survive_their_table(tmp_path: Path) -> None:
     for _ in range(2):
         append_rows(table, [ROW])
     assert read_rows(table) == [ROW, ROW]
-    assert "gap_0.40 50% (way 75%" in summary([ROW])
+    assert "gap_0.40 50% (way 75%" in evaluation_line([ROW])
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ from samples import ROBOT
 from saltus.config import TerrainConfig
 from saltus.policy.evaluation.trial_trace import STEP_S, FailureKind, TrialTrace, failure_of
 from saltus.terrain.curriculum import make_terrain
-from saltus.terrain.terrain import FIRST_EDGE_X, Terrain, build
+from saltus.terrain.terrain import FIRST_EDGE_X, Terrain, build_course
 from saltus.trial import Outcome
 
 STEPS = 100
@@ -49,7 +49,7 @@ def going(terrain: Terrain, x: float, then_x: float, *, below: float = 0.0) -> T
 
 
 def course(*pieces: tuple[float, float], last_top: float) -> Terrain:
-    return build("course", {}, pieces, last_top=last_top, finish_behind=1.0)
+    return build_course("course", {}, pieces, last_top=last_top, finish_behind=1.0)
 
 
 def astray() -> TrialTrace:

@@ -20,20 +20,20 @@ from saltus.cli.main import main
 from saltus.cli.policy_train import Train, parse
 from saltus.config import to_toml
 from saltus.errors import SaltusError
-from saltus.folders import differences
+from saltus.folders import setting_differences
 from saltus.grid import LINE
 from saltus.model_file import ModelFile
 from saltus.policy.actor import PolicyActor
 from saltus.policy.bounds import ActionBounds
-from saltus.policy.csv_tables import read_table
+from saltus.policy.csv_tables import read_csv_table
 from saltus.policy.env.jump_env import JumpEnv
 from saltus.policy.env.settings import JumpTrainSettings, LearningSettings, for_cpu
 from saltus.policy.policy_features import size_with
-from saltus.policy.training.checkpoint import NEEDED, config_of, read_checkpoint
+from saltus.policy.training.checkpoint import NEEDED, read_policy_checkpoint, training_config
 from saltus.policy.training.learner import JumpLearner
 from saltus.policy.training.train import make_engine
 from saltus.policy.training.training_command import STARTED
-from saltus.resources import resource
+from saltus.resources import shipped_file
 from saltus.robots.loading import load_robot
 
 TINY = ("--device", "cpu", "--robots", "8", "--learning.hidden", "8", "--learning.horizon", "2")
@@ -81,7 +81,7 @@ def table(path: tuple[str, ...], value: Any) -> dict[str, Any]:
 
 
 def changed(before: JumpTrainSettings, now: JumpTrainSettings) -> list[str]:
-    return [d.name for d in differences(table_of(before), table_of(now))]
+    return [d.name for d in setting_differences(table_of(before), table_of(now))]
 
 
 def table_of(config: Any) -> dict[str, Any]:
@@ -245,7 +245,7 @@ def test_a_resumed_training_goes_on_with_log_and_tables(
     text = (second / "log.txt").read_text()
     assert text.startswith(log)
     assert "differs from the resumed training: env.curriculum.gap = 0.5 (there 0.0)" in text
-    rows = read_table(second / "progress.csv")
+    rows = read_csv_table(second / "progress.csv")
     assert [row["iteration"] for row in rows] == ["1", "3", "4"]
     assert rows[0]["gap/level"] == "nan"
     assert rows[-1]["gap/level"] != "nan"
@@ -277,7 +277,7 @@ def test_an_interruption_saves_and_says_so(program: str, number: int, tmp_path: 
     said, error = process.communicate(timeout=60)
     assert process.returncode == 130
     (line,) = [line for line in said.splitlines() if "interrupted" in line]
-    iteration = int(read_checkpoint(out / "checkpoint.pt")["iteration"])
+    iteration = int(read_policy_checkpoint(out / "checkpoint.pt")["iteration"])
     assert (
         line == f"interrupted: what was learned until iteration {iteration} is in "
         f"{out / 'checkpoint.pt'}"
@@ -301,10 +301,10 @@ def test_the_shipped_checkpoint_still_loads() -> None:
 
 
 def test_a_jumping_training_that_starts_from_a_file_plans_as_the_file_within_any_bounds() -> None:
-    path = resource("models/policy_go2.onnx")
+    path = shipped_file("models/policy_go2.onnx")
     file = ModelFile(path)
     policy = PolicyActor(load_robot("go2"), LINE, path)
-    trained_with = config_of({"config": file.field("config")})
+    trained_with = training_config({"config": file.field("config")})
     bounds = trained_with.env.bounds
     wider = ActionBounds(
         low=tuple(1.2 * low - 0.1 for low in bounds.low),

@@ -12,14 +12,19 @@ from saltus.effects.motors import TorqueGain
 from saltus.effects.profile import IDEAL
 from saltus.grid import LINE
 from saltus.loop.planner import observe
-from saltus.policy.env.curriculum import CurriculumSettings, difficulty, kinds_of_robots, next_level
+from saltus.policy.env.curriculum import (
+    CurriculumSettings,
+    kinds_of_robots,
+    level_difficulty,
+    next_level,
+)
 from saltus.policy.env.env_observations import PRIVILEGED
 from saltus.policy.env.episode import TALLY
 from saltus.policy.env.jump_env import JumpEnv
-from saltus.policy.env.jump_rewards import TERMS, JumpRewardSettings, reward_terms
+from saltus.policy.env.jump_rewards import TERMS, JumpRewardSettings, jump_reward_terms
 from saltus.policy.env.randomisation import RandomisationSettings
 from saltus.policy.env.settings import JumpEnvSettings
-from saltus.policy.policy_features import features, layout, size_with
+from saltus.policy.policy_features import feature_layout, policy_features, size_with
 from saltus.rotations import rotation_matrix
 from saltus.sim.cpu_engine import CpuEngine
 from saltus.states import standing_state
@@ -68,7 +73,7 @@ def test_joints_that_near_their_rated_speed_cost_ever_more_and_others_nothing():
         given = env._reward_inputs(
             rotation_matrix(env._qpos[:, 3:7].float()), torch.zeros(N, 16, dtype=torch.bool)
         )
-        costs.append(-reward_terms(env.config.reward, given)[:, TERMS.index("joint_speed")])
+        costs.append(-jump_reward_terms(env.config.reward, given)[:, TERMS.index("joint_speed")])
     costs = torch.stack(costs)
     assert not costs[shares < 0.9].any()
     assert (costs[(shares > 0.91) & (shares < 1.3)].diff(dim=0) > 0.0).all()
@@ -109,9 +114,9 @@ def test_the_policy_is_shown_what_the_deployed_stack_shows_it():
         leg_contact=memory.contact.numpy(),
         leg_progress=memory.progress.numpy(),
     )
-    heights = transition.actor[:, -layout(LINE)["heights"] :].numpy()
+    heights = transition.actor[:, -feature_layout(LINE)["heights"] :].numpy()
     np.testing.assert_allclose(
-        transition.actor, features(observe(states, KINEMATICS), heights), atol=2e-4
+        transition.actor, policy_features(observe(states, KINEMATICS), heights), atol=2e-4
     )
     assert (
         np.abs(heights[:, :14] + qpos[:, 2:3]) < 1e-5
@@ -236,8 +241,8 @@ def test_levels_rise_with_the_way_and_fall_without():
     failed = np.array([True, False, True, True, False, False])
     moved = next_level(config, level, way, failed, np.zeros(6, dtype=bool), np.full(6, 0.35))
     np.testing.assert_array_equal(moved, [0.0, 4.0, 3.0, 2.0, 3.0, 9.0])
-    assert difficulty(config, np.array([9.0]), np.array([1.0])) == 1.0
-    assert difficulty(replace(config, hardest=0.5), np.array([9.0]), np.array([1.0])) == 0.5
+    assert level_difficulty(config, np.array([9.0]), np.array([1.0])) == 1.0
+    assert level_difficulty(replace(config, hardest=0.5), np.array([9.0]), np.array([1.0])) == 0.5
 
 
 @pytest.mark.parametrize("share", [0.0, 0.25, 1.0])

@@ -16,7 +16,7 @@ from saltus.policy.joints.walker import RISE_NS, STOP_NS, Walker
 from saltus.policy.mover import AT_REST, PlannerDecision
 from saltus.policy.walking.description import SIZE
 from saltus.policy.walking.settings import GroundSettings, WalkSettings, WalkTrainSettings
-from saltus.policy.walking.train import make_engine
+from saltus.policy.walking.train import make_walk_engine
 from saltus.policy.walking.walk_env import WalkEnv
 from saltus.robots.loading import load_robot
 from saltus.states import standing_state
@@ -63,7 +63,7 @@ def test_robot_and_training_make_the_same_vector_of_the_same_robot(policy: Noted
     config = WalkTrainSettings(
         robot="go1", robots=6, env=WalkSettings(ground=GroundSettings(shares={"plain": 1.0}))
     )
-    env = WalkEnv(make_engine(load_robot("go1"), config, "cpu", threads=1), config.env, seed=5)
+    env = WalkEnv(make_walk_engine(load_robot("go1"), config, "cpu", threads=1), config.env, seed=5)
     exact = env.critic.numpy()[:, :SIZE]  # without errors of sensors and scan
     qpos, qvel = np.array(env._engine.qpos), np.array(env._engine.qvel)
     for robot, expected in enumerate(exact):

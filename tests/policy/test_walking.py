@@ -21,8 +21,8 @@ from saltus.policy.training.learner import Learner
 from saltus.policy.training.train import Rank
 from saltus.policy.walking.course_field import MISSED_M, REACH_M, CourseField, in_trench
 from saltus.policy.walking.description import LAYOUT, SIZE, description_of, walking_pose
-from saltus.policy.walking.evaluation import evaluate
-from saltus.policy.walking.export import DeployedWalk, make_actor
+from saltus.policy.walking.evaluation import evaluate_walk
+from saltus.policy.walking.export import DeployedWalk, make_walk_actor
 from saltus.policy.walking.scan_errors import ScanErrors
 from saltus.policy.walking.settings import (
     GroundSettings,
@@ -30,9 +30,9 @@ from saltus.policy.walking.settings import (
     WalkSettings,
     WalkTrainSettings,
 )
-from saltus.policy.walking.train import make_engine, train
+from saltus.policy.walking.train import make_walk_engine, train_walk
 from saltus.policy.walking.walk_env import PRIVILEGED, WalkEnv
-from saltus.resources import resource
+from saltus.resources import shipped_file
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.rotations import rotation_matrix
@@ -54,14 +54,14 @@ CONFIG = WalkTrainSettings(
 
 def make_env(seed=0, config=CONFIG):
     return WalkEnv(
-        make_engine(load_robot(config.robot), config, "cpu", threads=1), config.env, seed=seed
+        make_walk_engine(load_robot(config.robot), config, "cpu", threads=1), config.env, seed=seed
     )
 
 
 @pytest.fixture(scope="module")
 def model(tmp_path_factory):
     folder = tmp_path_factory.mktemp("walk")
-    train(CONFIG, folder, minutes=1.0, rank=Rank(), iterations=2)
+    train_walk(CONFIG, folder, minutes=1.0, rank=Rank(), iterations=2)
     return folder / "walk.onnx"
 
 
@@ -290,7 +290,7 @@ def test_images_arrive_at_their_rate(rate):
 
 def test_a_training_goes_on_from_its_checkpoint(model, tmp_path):
     first = torch.load(model.with_name("checkpoint.pt"), weights_only=True)
-    train(
+    train_walk(
         CONFIG, tmp_path, minutes=1.0, rank=Rank(), resume=model.with_name("checkpoint.pt"),
         iterations=3,
     )  # fmt: skip
@@ -306,7 +306,7 @@ def test_the_first_command_of_an_untrained_policy_is_its_pose(model):
 
 
 def test_an_evaluation_counts_what_it_saw(model):
-    score = evaluate(model, "plain", level=0, robots=4, seconds=2.0, seed=1)
+    score = evaluate_walk(model, "plain", level=0, robots=4, seconds=2.0, seed=1)
     assert score.walked_s == 8.0
     assert 0 <= score.falls <= score.episodes
     assert np.isfinite([score.ahead_mps, score.aside_mps, score.turn_rps]).all()
@@ -314,11 +314,11 @@ def test_an_evaluation_counts_what_it_saw(model):
 
 @pytest.mark.parametrize("name", ["go1", "go2"])
 def test_a_training_that_starts_from_a_file_acts_as_the_file_until_its_critic_has_learned(name):
-    path = resource(f"models/walk_{name}.onnx")
+    path = shipped_file(f"models/walk_{name}.onnx")
     config = replace(
         CONFIG, robot=name, learning=LearningSettings(horizon=4, epochs=2, critic_iterations=2)
     )
-    learner = Learner(make_env(config=config), config.learning, make_actor(config.learning))
+    learner = Learner(make_env(config=config), config.learning, make_walk_actor(config.learning))
     before = learner.ppo.actor.distribution.std_param.clone()
     learner.begin_with(ModelFile(path), GROUND.levels)
     assert set(learner._env.memory.level.tolist()) == {0.0, 1.0}
@@ -343,6 +343,6 @@ def test_a_training_that_starts_from_a_file_acts_as_the_file_until_its_critic_ha
 
 
 def test_a_file_of_another_size_is_refused():
-    learner = Learner(make_env(), CONFIG.learning, make_actor(CONFIG.learning))
+    learner = Learner(make_env(), CONFIG.learning, make_walk_actor(CONFIG.learning))
     with pytest.raises(ModelError, match="another network"):
-        learner.begin_with(ModelFile(resource("models/walk_go1.onnx")), 2)
+        learner.begin_with(ModelFile(shipped_file("models/walk_go1.onnx")), 2)

@@ -15,8 +15,8 @@ from saltus.constants import POLICY_DT
 from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.errors import ConfigError
 from saltus.grid import WALKING_GRID
-from saltus.policy.evaluation.walking_errands import STOP_WITHIN_M, stop
-from saltus.policy.evaluation.walking_jumps import JUMPED, JumpAngles, jump, jumped_ground
+from saltus.policy.evaluation.walking_errands import STOP_WITHIN_M, run_stop
+from saltus.policy.evaluation.walking_jumps import JUMPED, JumpAngles, jumped_ground, run_jump
 from saltus.policy.evaluation.walking_trials import WalkTrials, WalkTrialTask
 from saltus.policy.evaluation.walks import Operator, TrueHeightSource, WalkStep
 from saltus.rotations import quaternion_from_roll_pitch_yaw
@@ -87,7 +87,7 @@ class Obedient:
 def test_the_error_of_a_heading_is_what_a_robot_lacks_of_the_turn(heading: float) -> None:
     angles = JumpAngles(heading_deg=heading)
     for share in (1.0, 0.8):
-        done = jump(Obedient(share).run, 0, angles, 6.0)
+        done = run_jump(Obedient(share).run, 0, angles, 6.0)
         assert not done.cause
         lacks = abs(heading) * (1.0 - share)
         assert done.figures["heading_deg"] == pytest.approx(lacks, abs=0.5)
@@ -97,7 +97,7 @@ def test_the_error_of_a_heading_is_what_a_robot_lacks_of_the_turn(heading: float
 def test_a_ground_is_crossed_in_the_direction_in_which_it_leads(
     degrees: float, share: float
 ) -> None:
-    done = jump(Obedient().run, 0, JumpAngles(askew_deg=degrees), 3.0)
+    done = run_jump(Obedient().run, 0, JumpAngles(askew_deg=degrees), 3.0)
     assert done.figures["time_s"] == pytest.approx(3.0 / SPEED_MPS / share, rel=0.05)
 
 
@@ -106,12 +106,12 @@ def test_a_ground_is_crossed_in_the_direction_in_which_it_leads(
     [({"touched": True}, "trunk_contact"), ({"mode": ControllerMode.STOPPED}, "stopped")],
 )
 def test_a_robot_that_cannot_go_on_has_failed(change: dict[str, Any], cause: str) -> None:
-    assert jump(Obedient(**change).run, 0, JumpAngles(), 3.0).cause == cause
+    assert run_jump(Obedient(**change).run, 0, JumpAngles(), 3.0).cause == cause
 
 
 def test_who_slides_on_for_more_than_a_metre_has_not_stopped() -> None:
     for slides_s, cause in ((0.5, ""), (1.2, "too_far")):
-        stopped = stop(Obedient(slides_s=slides_s).run, 1, jumps=True)
+        stopped = run_stop(Obedient(slides_s=slides_s).run, 1, jumps=True)
         assert (stopped.cause, stopped.figures["speed_mps"]) == (cause, pytest.approx(SPEED_MPS))
         assert (stopped.figures["way_m"] < STOP_WITHIN_M) == (not cause)
 

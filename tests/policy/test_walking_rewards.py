@@ -9,13 +9,13 @@ from numpy_and_torch import both
 
 from saltus.policy.evaluation.tracking import tracking_errors
 from saltus.policy.walking import commands
-from saltus.policy.walking.commands import draw_command, followed, in_command_frame
+from saltus.policy.walking.commands import command_now, draw_command, in_command_frame
 from saltus.policy.walking.evaluation import SETTLING, STRIDE
 from saltus.policy.walking.settings import (
     VelocityCommandSettings,
     WalkRewardSettings,
 )
-from saltus.policy.walking.walk_rewards import TERMS, WalkRewardInputs, reward_terms
+from saltus.policy.walking.walk_rewards import TERMS, WalkRewardInputs, walk_reward_terms
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
 
 OTHER_SIDE = [1, 0, 3, 2]
@@ -59,14 +59,14 @@ def test_commands_stay_within_their_ranges_on_either_kind_of_ground():
 def test_who_is_to_stand_is_asked_for_nothing_and_others_turn_towards_their_way():
     config, yaw = VelocityCommandSettings(), np.linspace(-2.5, 2.5, 13)
     drawn, narrow = np.tile([0.5, 0.1, 0.2], (13, 1)), np.zeros(13, dtype=bool)
-    command = followed(config, drawn, narrow, yaw > 2.0, 0.0 * yaw, yaw)
+    command = command_now(config, drawn, narrow, yaw > 2.0, 0.0 * yaw, yaw)
     assert not command[yaw > 2.0].any()
     walks = yaw <= 2.0
     assert (np.sign(command[walks, 2]) == np.sign(0.2 - yaw[walks])).all()
-    left_of_the_middle = followed(config, drawn, narrow, narrow, 0.0 * yaw + 1.0, 0.0 * yaw)
+    left_of_the_middle = command_now(config, drawn, narrow, narrow, 0.0 * yaw + 1.0, 0.0 * yaw)
     assert (left_of_the_middle[:, 2] < 0.0).all()
     np.testing.assert_array_equal(
-        followed(config, drawn, ~narrow, narrow, 0.0 * yaw, yaw)[:, 2], 0.2
+        command_now(config, drawn, ~narrow, narrow, 0.0 * yaw, yaw)[:, 2], 0.2
     )
 
 
@@ -102,12 +102,12 @@ def in_a_mirror(given):
 
 def test_every_term_is_the_same_in_a_mirror_and_in_torch():
     given, config = inputs(), WalkRewardSettings()
-    terms = reward_terms(config, given)
+    terms = walk_reward_terms(config, given)
     assert terms.shape == (40, len(TERMS))
-    np.testing.assert_allclose(reward_terms(config, in_a_mirror(given)), terms, atol=1e-12)
+    np.testing.assert_allclose(walk_reward_terms(config, in_a_mirror(given)), terms, atol=1e-12)
     tensors = {f.name: torch.as_tensor(getattr(given, f.name)) for f in fields(given)}
     np.testing.assert_allclose(
-        reward_terms(config, WalkRewardInputs(**tensors)).numpy(), terms, atol=1e-12
+        walk_reward_terms(config, WalkRewardInputs(**tensors)).numpy(), terms, atol=1e-12
     )
 
 
@@ -115,14 +115,16 @@ def test_each_term_has_its_weight_and_none_rewards_a_worse_velocity():
     given = inputs()
     for name in TERMS:
         alone = WalkRewardSettings(**(dict.fromkeys(TERMS, 0.0) | {name: 1.0}))
-        terms = reward_terms(alone, given)
+        terms = walk_reward_terms(alone, given)
         assert terms[:, TERMS.index(name)].any()
         assert not np.delete(terms, TERMS.index(name), axis=1).any()
     step = np.array([0.1, 0.0, 0.0]) * np.sign(given.velocity - given.command)
     worse = replace(given, velocity=given.velocity + step)
     column = TERMS.index("linear_velocity")
     config = WalkRewardSettings()
-    assert (reward_terms(config, worse)[:, column] <= reward_terms(config, given)[:, column]).all()
+    assert (
+        walk_reward_terms(config, worse)[:, column] <= walk_reward_terms(config, given)[:, column]
+    ).all()
 
 
 def test_errors_are_averaged_over_a_stride_and_not_counted_after_a_change():

@@ -20,17 +20,17 @@ from saltus.drive.wish import Wish
 from saltus.errors import ConfigError
 from saltus.policy.evaluation import walking_trials as trials
 from saltus.policy.evaluation.walking_conditions import WalkConditions
-from saltus.policy.evaluation.walking_errands import LINE_M, LINE_RAD, follow, line, stop
+from saltus.policy.evaluation.walking_errands import LINE_M, LINE_RAD, run_line, run_route, run_stop
 from saltus.policy.evaluation.walking_grounds import (
     DRILL_GROUNDS,
     FINISH_X,
     GROUNDS,
     WIDTH_M,
     drill_ground,
-    ground,
+    make_walk_ground,
 )
-from saltus.policy.evaluation.walking_routes import ROUTES, route
-from saltus.policy.evaluation.walks import Operator, TrueHeightSource, WalkStep, walk
+from saltus.policy.evaluation.walking_routes import ROUTES, make_route
+from saltus.policy.evaluation.walks import Operator, TrueHeightSource, WalkStep, walk_steps
 from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.joints.walker import Walker
 from saltus.rotations import quaternion_from_roll_pitch_yaw
@@ -45,7 +45,7 @@ STEPS = {"stairs": (14, 0.15), "hurdles": (7, 0.15), "irregular": (11, 0.20)}
 @pytest.mark.parametrize("name", GROUNDS)
 @pytest.mark.parametrize("seed", range(4))
 def test_a_ground_reaches_ten_metres_and_is_as_high_as_said(name: str, seed: int) -> None:
-    terrain = ground(name, seed)
+    terrain = make_walk_ground(name, seed)
     x = np.linspace(0.0, FINISH_X + STANCE_M, 500)
     assert all(terrain.arrays.covers(float(each), 0.0) for each in x)
     heights = terrain.height_at(x, np.zeros_like(x))
@@ -70,7 +70,7 @@ def test_robots_that_leave_the_field_of_a_drill_do_not_fall(name: str) -> None:
 
 def test_unknown_grounds_are_refused() -> None:
     with pytest.raises(ConfigError, match="no ground 'stair'"):
-        ground("stair", 0)
+        make_walk_ground("stair", 0)
     with pytest.raises(ConfigError, match="no ground for drills 'stairs'"):
         drill_ground("stairs", 0)
 
@@ -86,10 +86,10 @@ class Kinematic:
     ) -> None:
         model = put_policy(tmp_path / "walk.onnx")
         setup = trials.WalkTrials(robot="go1", grid="scan", model=model).setup(
-            ground("plain", 0), 0
+            make_walk_ground("plain", 0), 0
         )
         walker = Walker(setup.robot, JointPolicy(model))
-        steps = walk(
+        steps = walk_steps(
             setup,
             [walker],
             TrueHeightSource(setup),
@@ -164,24 +164,24 @@ def test_a_robot_that_cannot_go_on_has_failed(
 
 def test_who_does_what_it_is_told_does_all_errands(tmp_path: Path) -> None:
     robot, seed = Kinematic(tmp_path), 1
-    stopped = stop(robot.run, seed)
+    stopped = run_stop(robot.run, seed)
     assert (stopped.cause, stopped.figures["way_m"]) == ("", pytest.approx(0.0, abs=0.02))
-    lined = line(robot.run, seed)
+    lined = run_line(robot.run, seed)
     assert not lined.cause
     assert lined.figures["offset_m"] < LINE_M
     assert lined.figures["heading_deg"] < math.degrees(LINE_RAD)
     for name in ROUTES:
-        led = follow(robot.run, seed, route(name, seed))
-        assert (led.cause, led.figures["goals"]) == ("", len(route(name, seed).goals))
+        led = run_route(robot.run, seed, make_route(name, seed))
+        assert (led.cause, led.figures["goals"]) == ("", len(make_route(name, seed).goals))
 
 
 def test_errands_are_not_done_by_who_slides_or_drifts(tmp_path: Path) -> None:
     sliding = Kinematic(tmp_path, stops_s=2.0)
-    stopped = stop(sliding.run, 0)
+    stopped = run_stop(sliding.run, 0)
     assert (stopped.cause, stopped.figures["way_m"]) == ("too_far", pytest.approx(2.0, abs=0.05))
     drifting = Kinematic(tmp_path, (0.0, 0.8, 0.0))
-    assert line(drifting.run, 0).cause == "time_limit"
-    assert follow(drifting.run, 0, route("landing", 0)).cause == "left"
+    assert run_line(drifting.run, 0).cause == "time_limit"
+    assert run_route(drifting.run, 0, make_route("landing", 0)).cause == "left"
 
 
 @pytest.mark.parametrize("name", ROUTES)
@@ -189,12 +189,12 @@ def test_errands_are_not_done_by_who_slides_or_drifts(tmp_path: Path) -> None:
 def test_there_is_ground_at_all_goals_of_a_route_and_it_is_as_long_as_said(
     name: str, seed: int
 ) -> None:
-    drawn = route(name, seed)
+    drawn = make_route(name, seed)
     assert all(drawn.terrain.arrays.covers(*goal) for goal in ((0.0, 0.0), *drawn.goals))
     low, high = {"landing": (4.0, 8.0), "course": (22.0, 29.0), "arena": (35.0, 45.0)}[name]
     assert low < drawn.length_m < high
     assert len(drawn.goals) == {"landing": 5, "course": 11, "arena": 5}[name]
-    assert drawn == route(name, seed)
+    assert drawn == make_route(name, seed)
 
 
 def test_conditions_change_what_they_name_and_nothing_else() -> None:
@@ -210,7 +210,7 @@ def test_a_push_gives_the_trunk_its_impulse(tmp_path: Path) -> None:
     walker = Walker(setup.robot, JointPolicy(model))
 
     def aside(push_ns: float) -> float:
-        steps = walk(
+        steps = walk_steps(
             setup, [walker], TrueHeightSource(setup), lambda *_: Wish(),
             CompiledTickLaw(setup.robot), push_ns,
         )  # fmt: skip
@@ -227,12 +227,12 @@ def test_who_drifts_off_or_does_not_come_is_told_apart(tmp_path: Path) -> None:
 
 def test_a_robot_as_it_is_deployed_gets_up_and_holds_its_pose(tmp_path: Path) -> None:
     settings = trials.WalkTrials(robot="go1", grid="scan", model=put_policy(tmp_path / "w.onnx"))
-    setup = settings.setup(ground("rubble", 1), 1)
+    setup = settings.setup(make_walk_ground("rubble", 1), 1)
     walker = Walker(setup.robot, JointPolicy(settings.model))
     told = Wish(mode=CommandMode.WALK)
     steps = list(
         islice(
-            walk(
+            walk_steps(
                 setup,
                 [walker],
                 TrueHeightSource(setup),

@@ -20,7 +20,12 @@ import zenoh
 
 from saltus.cli.main import main
 from saltus.errors import ConfigError, StackError
-from saltus.wire.certificates import create, issue, load, revoke
+from saltus.wire.certificates import (
+    create_authority,
+    issue_certificate,
+    load_authority,
+    revoke_certificate,
+)
 from saltus.wire.joining import open_session
 from saltus.wire.roles import LISTENERS, PROCESSES, ROLES
 from saltus.wire.topics import SHARED, TOPICS
@@ -69,10 +74,10 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     with socket.create_server(("127.0.0.1", 0)) as port:
         address = f"127.0.0.1:{port.getsockname()[1]}"
     assert main(["keys", "init", "--address", address, "--keys", str(keys)]) == 0
-    files = {role: issue(keys, role, days=1) for role in ROLES}
+    files = {role: issue_certificate(keys, role, days=1) for role in ROLES}
     files["revoked"], files["expired"] = (
-        issue(keys, "policy", days=1),
-        issue(keys, "policy", days=0),
+        issue_certificate(keys, "policy", days=1),
+        issue_certificate(keys, "policy", days=0),
     )
     assert main(["keys", "revoke", files["revoked"].stem, "--keys", str(keys)]) == 0
     command = ["router", "--listen", address, "--keys", str(keys), "--out", str(run_dir)]
@@ -197,8 +202,8 @@ def answers(session: Any, key: str) -> set[str]:
 
 def test_who_has_no_certificate_that_holds_does_not_join(site: Site, tmp_path: Path) -> None:
     """Expired, of another authority, without any, over plain TCP."""
-    create(tmp_path / "other", site.address, days=1)
-    foreign = issue(tmp_path / "other", "policy", days=1)
+    create_authority(tmp_path / "other", site.address, days=1)
+    foreign = issue_certificate(tmp_path / "other", "policy", days=1)
     whole = json.loads(site.files["policy"].read_text())
     strangers = {
         "expired": json.loads(site.files["expired"].read_text()),
@@ -227,19 +232,21 @@ def test_a_holder_whose_certificate_does_not_hold_is_told_so(site: Site) -> None
 
 
 def test_names_and_serials_never_return(tmp_path: Path) -> None:
-    create(tmp_path / "keys", "192.168.123.10:7447", days=1)
+    create_authority(tmp_path / "keys", "192.168.123.10:7447", days=1)
     for _ in range(3):
-        revoke(tmp_path / "keys", issue(tmp_path / "keys", "viewer", days=1).stem)
-    issued = load(tmp_path / "keys").issued
+        revoke_certificate(
+            tmp_path / "keys", issue_certificate(tmp_path / "keys", "viewer", days=1).stem
+        )
+    issued = load_authority(tmp_path / "keys").issued
     assert (
         len({each.serial for each in issued})
         == len({each.name for each in issued})
         == len(issued)
         == 4
     )
-    assert not load(tmp_path / "keys").names
+    assert not load_authority(tmp_path / "keys").names
     with pytest.raises(ConfigError, match="no certificate"):
-        revoke(tmp_path / "keys", issued[-1].name)
+        revoke_certificate(tmp_path / "keys", issued[-1].name)
     for path in (tmp_path / "keys").iterdir():
         assert path.suffix == ".pem" or path.stat().st_mode & 0o777 == 0o600
 
@@ -247,4 +254,4 @@ def test_names_and_serials_never_return(tmp_path: Path) -> None:
 @pytest.mark.parametrize("address", ["example.com:7447", "8.8.8.8:7447"])
 def test_hosts_that_a_public_authority_knows_are_refused(address: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="public authority"):
-        create(tmp_path / "keys", address, days=1)
+        create_authority(tmp_path / "keys", address, days=1)

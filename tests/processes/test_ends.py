@@ -15,7 +15,7 @@ import pytest
 from benchmarks._judgement import is_upright
 from benchmarks._kills import witness
 from saltus.recordings.recording import Recording, read_recording
-from saltus.recordings.repair import repair
+from saltus.recordings.repair import repair_recording
 from saltus.wire.messages import ControllerMode, RobotState
 
 AFTER_S = 0.8
@@ -62,7 +62,7 @@ def test_a_full_disk_lands_the_robot_and_is_said_in_one_line(tmp_path: Path) -> 
     assert told == f"saltus: cannot write {path}: File too large\n"
     # In lockstep a landing passes faster than a witness can hear all of it
     assert ControllerMode.LANDING in {state.mode for state in seen.of(RobotState)}
-    recording = repair(path, tmp_path / "repaired.mcap")
+    recording = repair_recording(path, tmp_path / "repaired.mcap")
     assert not recording.complete
     assert len(recording.of(RobotState)) > 100
     assert len(read_recording(tmp_path / "repaired.mcap").of(RobotState)) == len(

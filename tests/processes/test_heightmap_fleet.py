@@ -21,9 +21,9 @@ from saltus.clock import RunClock
 from saltus.config import RunConfig, to_toml
 from saltus.depth import MILLIMETRE, MODEL_CAMERA
 from saltus.heightmap.level_robot import LevelRobot
-from saltus.heightmap.service.model_inbox import FILE, give
+from saltus.heightmap.service.model_inbox import FILE, give_model
 from saltus.model_file import ModelFile, put_model
-from saltus.resources import resource
+from saltus.resources import shipped_file
 from saltus.runtime.run_folder import RUN_FILE
 from saltus.runtime.ticker import Ticker
 from saltus.wire.messages import DepthFrame, HeightmapStatus
@@ -145,7 +145,7 @@ def run_until(robots: list[Robot], event: str, models: set[str]) -> None:
 
 def another_model(folder: Path) -> Path:
     """The shipped model with a remark, which makes it another file."""
-    model = onnx.load(resource("models/heightmap.onnx"))
+    model = onnx.load(shipped_file("models/heightmap.onnx"))
     model.metadata_props.add(key="remark", value="another")
     partial, path = folder / ".partial", folder / "another.onnx"
     onnx.save(model, partial)
@@ -156,18 +156,18 @@ def another_model(folder: Path) -> Path:
 def test_a_fleet_is_served_whoever_is_silent_and_whatever_model_is_given(
     robots: list[Robot], tmp_path: Path
 ) -> None:
-    shipped = ModelFile(resource("models/heightmap.onnx")).model_id
+    shipped = ModelFile(shipped_file("models/heightmap.onnx")).model_id
     run_until(robots, "heightmap_ok", {shipped})
     active, silent = robots[:2], robots[2]
     silent.listen()
     before = silent.answered.total()
 
     bad = tmp_path / ".bad"
-    bad.write_bytes(resource("models/heightmap.onnx").read_bytes()[:-4096])
+    bad.write_bytes(shipped_file("models/heightmap.onnx").read_bytes()[:-4096])
     put_model(bad, tmp_path / FILE)
     run_until(active, "model_refused", {shipped})
 
-    model_id = give(another_model(tmp_path), tmp_path)
+    model_id = give_model(another_model(tmp_path), tmp_path)
     for robot in active:
         robot.answered.clear()
     run_until(active, "model_swapped", {shipped, model_id})

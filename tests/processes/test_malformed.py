@@ -20,7 +20,7 @@ from samples import message_of
 from saltus.clock import RunClock
 from saltus.config import RunConfig, TerrainConfig
 from saltus.named_setup import named_setup
-from saltus.resources import resource
+from saltus.resources import shipped_file
 from saltus.runtime.programs import PROGRAMS
 from saltus.runtime.run_folder import write_run
 from saltus.wire import codec, schemas
@@ -60,7 +60,7 @@ class Malformed:
 def malformed(kind: type[Message], boot_id: bytes, time_ns: int) -> Iterator[Malformed]:
     """At least 20 kinds of malformed messages of one type."""
     message = replace(message_of(kind), time_ns=time_ns)
-    good = codec.encode(message)
+    good = codec.encode_message(message)
     envelope = Envelope(10**6, time_ns, boot_id).to_bytes()
     # Done could be taken for a command, up to its mode
     other: Any = Done if kind is RobotState else RobotState
@@ -78,7 +78,7 @@ def malformed(kind: type[Message], boot_id: bytes, time_ns: int) -> Iterator[Mal
             b'{"hello": "world"}',
             good[:4] + np.random.default_rng(0).bytes(len(good)),
             good[:12] + b"\xff\xff\xff\xff" + good[16:],  # a text of 4 GiB
-            codec.encode(message_of(other)),
+            codec.encode_message(message_of(other)),
             good[: len(good) // 2] + good[len(good) // 2 + 8 :],
         ],
         "range": [good[:8] + b"\xff\xff\xff\x7f" + good[12:]],  # two seconds' worth of nanoseconds
@@ -93,7 +93,7 @@ def malformed(kind: type[Message], boot_id: bytes, time_ns: int) -> Iterator[Mal
             if np.isscalar(getattr(message, name))
             else np.full_like(getattr(message, name), value)
         )
-        yield Malformed(reason, codec.encode(replace(message, **{name: value})), envelope)
+        yield Malformed(reason, codec.encode_message(replace(message, **{name: value})), envelope)
     for attachment in (
         b"",
         envelope[:-1],
@@ -192,7 +192,7 @@ def victims(
 
 @pytest.fixture(scope="module")
 def attacker(endpoint: str) -> Iterator[Any]:
-    settings = zenoh.Config.from_file(str(resource("zenoh_cfg/client.json5")))
+    settings = zenoh.Config.from_file(str(shipped_file("zenoh_cfg/client.json5")))
     settings.insert_json5("connect/endpoints", f'["{endpoint}"]')
     with zenoh.open(settings) as session:
         yield session

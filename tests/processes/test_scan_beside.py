@@ -9,7 +9,7 @@ import pytest
 from benchmarks._kills import ON_FLAT_GROUND
 from saltus.grid import LINE, SCAN
 from saltus.recordings.recording import read_recording
-from saltus.runtime.programs import PROGRAMS, scan
+from saltus.runtime.programs import PROGRAMS, scan_program
 from saltus.runtime.stack import Stack
 from saltus.watch.live import LiveRun
 from saltus.watch.source import RecordedRun
@@ -25,7 +25,7 @@ SHARE = 0.5
 @pytest.mark.slow
 def test_a_stack_tells_the_line_and_the_scan(speed: float, tmp_path: Path) -> None:
     run = replace(ON_FLAT_GROUND, speed=speed)
-    with Stack(run, tmp_path, (scan("scan"), *PROGRAMS)) as stack:
+    with Stack(run, tmp_path, (scan_program("scan"), *PROGRAMS)) as stack:
         with LiveRun(tmp_path, stack.endpoint) as live:
             scene = live.now()
             while stack.wait(0.1) is False and (scene.scan is None or scene.time_s < RUN_S):

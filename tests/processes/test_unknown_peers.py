@@ -10,7 +10,7 @@ import psutil
 import zenoh
 from limits import file_numbers_below
 
-from saltus.wire.certificates import create, network_of
+from saltus.wire.certificates import create_authority, network_of
 from saltus.wire.router import open_router
 
 FILES, STRANGERS = 256, 400
@@ -32,7 +32,7 @@ def test_who_connects_says_nothing_and_stays_takes_no_files_that_a_run_needs(
     """
     with socket.create_server(("127.0.0.1", 0)) as server:
         host, port = server.getsockname()
-    create(tmp_path / "keys", f"{host}:{port}", days=1)
+    create_authority(tmp_path / "keys", f"{host}:{port}", days=1)
     with file_numbers_below(FILES):
         endpoint, router = open_router(network_of(tmp_path / "keys", f"{host}:{port}", "saltus"))
         arguments = [sys.executable, "-c", CONNECT, host, str(port), str(STRANGERS)]

@@ -57,7 +57,9 @@ def jumping_log(
     with Recorder(folder / "recording.mcap", config, setup) as file:
         for key, message in _run(replace(setup, profile=profile), round(1e9 * seconds / STEP_NS)):
             envelope = Envelope(message.time_ns // STEP_NS, message.time_ns, bytes(16))
-            file.write(RawSample(key, codec.encode(message), envelope.to_bytes(), message.time_ns))
+            file.write(
+                RawSample(key, codec.encode_message(message), envelope.to_bytes(), message.time_ns)
+            )
     export_run_log(read_recording(folder / "recording.mcap"), folder / "log")
     return read_run_log(folder / "log")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rig_logs import Rig, body_log, joints_log
 
-from saltus.real2sim.screening.align import ClockOffset, MotionSamples, align, fit_offset
+from saltus.real2sim.screening.align import ClockOffset, MotionSamples, clock_offsets, fit_offset
 from saltus.recordings.run_log import RunLog
 
 
@@ -16,7 +16,7 @@ def body() -> RunLog:
 
 
 def _named(log: RunLog, stream: str) -> ClockOffset:
-    return next(offset for offset in align(log) if offset.stream == stream)
+    return next(offset for offset in clock_offsets(log) if offset.stream == stream)
 
 
 @pytest.mark.parametrize("rows", [0, 3, 12])

@@ -7,7 +7,7 @@ import pytest
 from camera_logs import STEP, Recipe, Truth, camera_log, chirp
 
 from saltus.real2sim.problem.camera.problem import CameraProblem
-from saltus.real2sim.search.search import search
+from saltus.real2sim.search.search import search_effects
 
 FAR = [
     {"camera_pitch": 0.12, "camera_height": -0.05, "camera_latency": 0.16},
@@ -26,7 +26,7 @@ def problem(truth: dict[str, float]) -> CameraProblem:
 @pytest.mark.slow
 @pytest.mark.parametrize("truth", FAR, ids=lambda truth: ", ".join(truth))
 def test_a_camera_that_is_far_off_is_named_with_its_values(truth: dict[str, float]) -> None:
-    found = search(problem(truth))
+    found = search_effects(problem(truth))
     values = {effect.name: next(iter(effect.params.values())).value for effect in found.effects}
     assert (found.verdict, values) == ("named", pytest.approx(truth, abs=2e-3))
 

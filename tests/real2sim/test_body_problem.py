@@ -16,7 +16,7 @@ from saltus.effects.profile import Profile
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.body import problem as body_problem
 from saltus.real2sim.problem.body.problem import BodyProblem
-from saltus.real2sim.problem.body.replay import FINE, GROUNDS, likeliest
+from saltus.real2sim.problem.body.replay import FINE, GROUNDS, likeliest_solver
 from saltus.real2sim.problem.body.windows import body_windows
 from saltus.real2sim.problem.log import segments_of
 from saltus.real2sim.problem.problem import Problem
@@ -51,7 +51,7 @@ def standing() -> BodyProblem:
     log = run_log(motions=STAND * 2)
     ground = {"friction": 0.6, "contact_time_constant": 0.01}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(body_problem, "likeliest", lambda _: GROUNDS[0])
+        patch.setattr(body_problem, "likeliest_solver", lambda _: GROUNDS[0])
         return BodyProblem(dataclasses.replace(log, meta={**log.meta, "ground": ground}))
 
 
@@ -132,7 +132,7 @@ def test_soft_or_slippery_ground_is_not_taken_for_another_way_to_compute_contact
         left = right * (1.0 if solver == true else 1.2) if is_near else np.full(len(others), 1.5)
         return np.asarray(left[:, None] * np.ones(3))
 
-    assert likeliest(squares) == true
+    assert likeliest_solver(squares) == true
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -143,7 +143,7 @@ def test_no_other_way_to_compute_contacts_is_taken_by_chance(seed: int) -> None:
     def squares(solver: ContactSolver, others: np.ndarray) -> np.ndarray:
         return np.tile(left[dataclasses.replace(solver, substeps=1)], (len(others), 1))
 
-    assert likeliest(squares) == GROUNDS[0]
+    assert likeliest_solver(squares) == GROUNDS[0]
 
 
 @pytest.mark.slow

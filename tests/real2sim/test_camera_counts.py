@@ -5,7 +5,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from saltus.arrays import Floats
-from saltus.real2sim.problem.camera.edges import filled, plain_pixels, reach_px
+from saltus.real2sim.problem.camera.edges import filled_share, plain_pixels, reach_px
 from saltus.real2sim.problem.camera.log_images import frames_of
 from saltus.real2sim.problem.camera.pixels import clip_guess
 from saltus.recordings.run_log import DepthTable
@@ -41,7 +41,7 @@ def test_copies_are_told_from_neighbours_that_noise_makes_equal(kind: str, reach
     wall = np.broadcast_to(np.linspace(1.4, 1.6, SHAPE[1])[:, None], SHAPE)
     images = in_mm(noisy(kind, rng), rng.random(SHAPE) < share, reach)
     plain = plain_pixels(wall, images, 4.0)
-    found = filled(wall, images, plain, np.inf)
+    found = filled_share(wall, images, plain, np.inf)
     assert found is not None
     expected = share * (1.0 - share * (reach == 1)) if reach else 0.0
     assert found.share == pytest.approx(expected, abs=4.0 * found.deviation)
@@ -52,7 +52,7 @@ def test_depth_in_steps_says_nothing_of_copies() -> None:
     rng = np.random.default_rng(8)
     wall = np.broadcast_to(np.linspace(1.4, 1.6, SHAPE[1])[:, None], SHAPE)
     images = in_mm(3e-3 * np.rint(noisy("white", rng) / 3e-3), np.zeros(SHAPE, dtype=bool), 0)
-    assert filled(wall, images, plain_pixels(wall, images, 4.0), np.inf) is None
+    assert filled_share(wall, images, plain_pixels(wall, images, 4.0), np.inf) is None
 
 
 @pytest.mark.parametrize("reach", [0.0, 0.4, 1.0, 1.7, 2.0])

@@ -17,18 +17,18 @@ from saltus.cli.main import main
 from saltus.constants import POLICY_DT
 from saltus.effects.profile import IDEAL
 from saltus.real2sim.experiments.menu import EXPERIMENTS
-from saltus.real2sim.experiments.run import run
-from saltus.real2sim.pipeline import examine, judge
-from saltus.real2sim.reporting.verdict_text import drawn_lines, lines, next_steps
+from saltus.real2sim.experiments.run import run_experiment
+from saltus.real2sim.pipeline import examine_logs, judge_logs
+from saltus.real2sim.reporting.verdict_text import drawn_lines, next_steps, verdict_lines
 from saltus.real2sim.results import Judgement
-from saltus.real2sim.screening.screen import LEAST_S, screen, until
+from saltus.real2sim.screening.screen import LEAST_S, log_until, screen_log
 from saltus.real2sim.search.findings import (
     FoundEffect,
     ParameterInterval,
     SearchFindings,
     SignalGap,
 )
-from saltus.real2sim.search.search import search
+from saltus.real2sim.search.search import search_effects
 from saltus.real2sim.sensors import NAMED_FROM_S, SENSORS, moving_s
 from saltus.real2sim.verdict import MissingData, ResidualGap, Verdict
 from saltus.recordings.recording import read_recording
@@ -52,14 +52,14 @@ def logs(jumps: tuple[RunLog, Path]) -> dict[str, RunLog]:
         "joints": joints_log(),
         "weak joints": joints_log(Rig(delay_s=0.016, gain=0.8, coulomb=0.8, bias=-0.1)),
         "body and camera": body_log(seconds=6.0),
-        "sine": run(EXPERIMENTS["single_sine"], ROBOT, IDEAL, seed=3),
-        "camera": run(EXPERIMENTS["height_step"], ROBOT, IDEAL, seed=3),
+        "sine": run_experiment(EXPERIMENTS["single_sine"], ROBOT, IDEAL, seed=3),
+        "camera": run_experiment(EXPERIMENTS["height_step"], ROBOT, IDEAL, seed=3),
         "jumps": jumps[0],
     }
 
 
 def cut(log: RunLog, seconds: float) -> RunLog:
-    return until(log, float(log.joints.time_s[0]) + seconds)
+    return log_until(log, float(log.joints.time_s[0]) + seconds)
 
 
 @pytest.mark.sample(7)
@@ -68,7 +68,7 @@ def cut(log: RunLog, seconds: float) -> RunLog:
 def test_a_log_that_is_too_short_names_nothing_and_says_what_it_lacks(
     logs: dict[str, RunLog], family: str, seconds: float
 ) -> None:
-    judgement = judge(examine([cut(logs[family], seconds)]), ())
+    judgement = judge_logs(examine_logs([cut(logs[family], seconds)]), ())
     verdict = judgement.verdict
     assert (verdict.verdict, verdict.effects, verdict.sets, verdict.nearest, verdict.gap) == (
         "unexplained", (), (), (), None,
@@ -76,7 +76,7 @@ def test_a_log_that_is_too_short_names_nothing_and_says_what_it_lacks(
     assert judgement.patch.effects == ()
     assert verdict.missing
     steps = next_steps(judgement)
-    said = "\n".join(lines(judgement, Path()))
+    said = "\n".join(verdict_lines(judgement, Path()))
     for missing in verdict.missing:
         amount, least = (
             float(word) for word in missing.why.split() if word.replace(".", "").isdigit()
@@ -101,7 +101,7 @@ def test_a_search_names_only_what_a_test_and_the_whole_show(rows: int) -> None:
     problem = LinearProblem(hidden)
     count = len(problem.time_s) // 2
     problem.keep_rows(np.r_[0:rows, count : count + rows])
-    findings = search(problem)
+    findings = search_effects(problem)
     assert {effect.name for effect in findings.effects} <= {"e1"}
     assert not findings.effects or sum(gap.residuals for gap in findings.gaps) > 0
     assert findings.verdict != "named" or findings.gaps
@@ -130,7 +130,7 @@ def test_no_cut_of_a_healthy_log_is_called_damaged(logs: dict[str, RunLog], fami
     shares = (np.arange(10) + rng.random(10)) / 10.0
     lengths = np.concatenate([0.02 * (whole_s / 0.02) ** shares[::2], whole_s * shares])
     for seconds in lengths:
-        bad = [fault.text for fault in screen(cut(log, float(seconds))) if fault.is_fatal]
+        bad = [fault.text for fault in screen_log(cut(log, float(seconds))) if fault.is_fatal]
         assert bad == [], seconds
 
 
@@ -168,8 +168,10 @@ def test_a_cut_of_a_damaged_log_is_called_damaged_as_soon_as_it_is_long_enough(
     family, damage, shows_s = FAULTS[fault]
     whole_s = float(np.ptp(logs[family].joints.time_s))
     for seconds in np.linspace(shows_s, whole_s, 5):
-        assert any(found.is_fatal for found in screen(damage(cut(logs[family], float(seconds)))))
-    assert not any(found.is_fatal for found in screen(damage(cut(logs[family], 0.9 * LEAST_S))))
+        assert any(
+            found.is_fatal for found in screen_log(damage(cut(logs[family], float(seconds))))
+        )
+    assert not any(found.is_fatal for found in screen_log(damage(cut(logs[family], 0.9 * LEAST_S))))
 
 
 def test_what_only_the_end_of_a_log_shows_is_told_and_not_fatal() -> None:
@@ -177,7 +179,7 @@ def test_what_only_the_end_of_a_log_shows_is_told_and_not_fatal() -> None:
     q = log.joints.q.copy()
     first = int(np.searchsorted(log.joints.time_s, float(log.joints.time_s[-1]) - 0.5))
     q[first:, 3] = 2.0 * q[first, 3] - q[first:, 3]
-    faults = screen(replace(log, joints=replace(log.joints, q=q)))
+    faults = screen_log(replace(log, joints=replace(log.joints, q=q)))
     assert not any(fault.is_fatal for fault in faults)
 
 
@@ -185,8 +187,8 @@ def test_what_only_the_end_of_a_log_shows_is_told_and_not_fatal() -> None:
 def test_a_run_log_that_ends_before_its_segments_is_said_to_be_cut(
     logs: dict[str, RunLog], seconds: float
 ) -> None:
-    assert screen(logs["sine"]) == []
-    (fault,) = (fault for fault in screen(cut(logs["sine"], seconds)) if fault.name == "cut")
+    assert screen_log(logs["sine"]) == []
+    (fault,) = (fault for fault in screen_log(cut(logs["sine"], seconds)) if fault.name == "cut")
     assert not fault.is_fatal
     assert (
         f"ends at {seconds:.2f} s" in fault.text or f"ends at {seconds - 0.002:.2f} s" in fault.text
@@ -197,10 +199,10 @@ def test_a_run_log_that_ends_before_its_segments_is_said_to_be_cut(
 def test_a_table_that_ends_early_is_said(logs: dict[str, RunLog]) -> None:
     log = logs["jumps"]
     short = replace(log, imu=cut(log, 3.0).imu)
-    assert [fault.name for fault in screen(short)] == ["cut"]
-    assert screen(short)[0].text.startswith("imu: ends 1.4") or screen(short)[0].text.startswith(
-        "imu: ends 1.5"
-    )
+    assert [fault.name for fault in screen_log(short)] == ["cut"]
+    assert screen_log(short)[0].text.startswith("imu: ends 1.4") or screen_log(short)[
+        0
+    ].text.startswith("imu: ends 1.5")
 
 
 @pytest.mark.parametrize("share", [0.1, 0.6, 0.95])
@@ -232,7 +234,7 @@ def test_a_log_says_how_long_it_moves(logs: dict[str, RunLog]) -> None:
 
 
 def _judgement(log: RunLog, verdict: Verdict) -> Judgement:
-    judgement = judge(examine([cut(log, 0.35)]), ())
+    judgement = judge_logs(examine_logs([cut(log, 0.35)]), ())
     return replace(
         judgement, verdict=verdict, patch=replace(judgement.patch, effects=verdict.effects)
     )
@@ -263,7 +265,7 @@ GAP = ResidualGap(before=4.0, after=1.2, floor=1.0)
 def test_the_terminal_says_the_word_the_values_and_the_next_command(
     logs: dict[str, RunLog], family: str, verdict: Verdict, first: str | None
 ) -> None:
-    said = lines(_judgement(logs[family], verdict), Path("found"))
+    said = verdict_lines(_judgement(logs[family], verdict), Path("found"))
     assert said[0].startswith(f"{verdict.verdict}: ")
     for _ in (*verdict.effects, *verdict.nearest):
         assert any(

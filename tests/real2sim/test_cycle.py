@@ -20,7 +20,7 @@ from samples import ROBOT
 
 from saltus import gpu
 from saltus.cli.main import command_of, main
-from saltus.config import load
+from saltus.config import load_config
 from saltus.effects.joint_loads import CoulombFriction
 from saltus.effects.motors import TorqueGain
 from saltus.effects.profile import EFFECTS, PARTS, load_profile
@@ -30,7 +30,7 @@ from saltus.policy.evaluation.evaluate import EvaluationSettings
 from saltus.policy.training import checkpoint
 from saltus.real2sim.cycle import choosing, finding, measuring, remote_training, training, trials
 from saltus.real2sim.cycle.folder import CycleFolder
-from saltus.real2sim.cycle.hidden_and_found import rows_of
+from saltus.real2sim.cycle.hidden_and_found import truth_rows
 from saltus.real2sim.cycle.report import write_cycle_report
 from saltus.real2sim.cycle.settings import CycleSettings
 from saltus.real2sim.experiments import motions
@@ -58,7 +58,7 @@ def _small(short_calibration: None) -> Any:
 
     A processor in place of a GPU.
     """
-    law = checkpoint.config_of
+    law = checkpoint.training_config
 
     def collect(settings: DeviceCollection, outputs: dict[str, Path], ticked: Any, _: Any) -> Any:
         (folder,) = outputs.values()
@@ -74,11 +74,11 @@ def _small(short_calibration: None) -> Any:
         few = ProcessorCollection(
             batches=1, seed=settings.seed, profile=settings.profile, loop=loop
         )
-        return collection.collect(few, folder, lambda _: None, listener=ticked)
+        return collection.collect_shard(few, folder, lambda _: None, listener=ticked)
 
     sines = replace(
         EXPERIMENTS["single_sine"],
-        sections=lambda robot: motions.repeated("sine", 2, motions.sine(robot, 2.0, 1.0, 0.3)),
+        sections=lambda robot: motions.repeat_motion("sine", 2, motions.sine(robot, 2.0, 1.0, 0.3)),
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(EXPERIMENTS, "single_sine", sines)
@@ -86,9 +86,9 @@ def _small(short_calibration: None) -> Any:
             patch.delitem(trials.COURSES, course)
         patch.setattr(trials, "EvaluationSettings", partial(EvaluationSettings, time_limit_s=1.5))
         patch.setattr(gpu, "has_gpu", lambda: True)
-        patch.setattr(device_collection, "collect", collect)
+        patch.setattr(device_collection, "collect_shards_on_device", collect)
         patch.setattr(
-            checkpoint, "config_of", lambda state, *kind: replace(law(state, *kind), robots=8)
+            checkpoint, "training_config", lambda state, *kind: replace(law(state, *kind), robots=8)
         )
         yield
 
@@ -338,7 +338,7 @@ def test_the_policy_is_trained_where_more_than_the_camera_differs(
     )
     script, driver = (
         (away / "train.sh").read_text(),
-        load(DeviceCollection, away / "collection.toml").policy,
+        load_config(DeviceCollection, away / "collection.toml").policy,
     )
     assert driver == Path("policy/checkpoint.pt" if beyond else "policy.pt")
     assert (
@@ -390,4 +390,4 @@ def test_a_curve_is_told_only_where_it_was_hidden(tmp_path: Path) -> None:
     folder.known.write_text(shipped.to_toml())
     for hidden, told in ((shipped, []), (stronger, ["torque_saturation curve"])):
         folder.hidden.write_text(hidden.to_toml())
-        assert [row.name for row in rows_of(folder)] == told
+        assert [row.name for row in truth_rows(folder)] == told

@@ -10,7 +10,7 @@ import pytest
 from linear_problem import WHERES, LinearProblem
 
 from saltus.real2sim.search.findings import ParameterInterval
-from saltus.real2sim.search.search import search
+from saltus.real2sim.search.search import search_effects
 
 BLOCKS = ("FR", "FL", "RR", "RL")
 
@@ -21,7 +21,7 @@ def test_kinds_of_joints_that_differ_are_stated_apart(hip: float, thigh: float) 
     hidden = {
         ("e4", where, block): size[where] for where, block in itertools.product(WHERES, BLOCKS)
     }
-    findings = search(LinearProblem(hidden, blocks=BLOCKS))
+    findings = search_effects(LinearProblem(hidden, blocks=BLOCKS))
     found = {effect.where: effect.params["size"].value for effect in findings.effects}
     places = {where: tuple(f"{block}_{where}" for block in BLOCKS) for where in WHERES}
     assert found == {places[where]: pytest.approx(size[where], rel=0.1) for where in WHERES}
@@ -29,7 +29,7 @@ def test_kinds_of_joints_that_differ_are_stated_apart(hip: float, thigh: float) 
 
 def test_kinds_of_joints_that_agree_are_stated_as_all() -> None:
     hidden = {("e2", where, block): 4.0 for where, block in itertools.product(WHERES, BLOCKS)}
-    (effect,) = search(LinearProblem(hidden, blocks=BLOCKS)).effects
+    (effect,) = search_effects(LinearProblem(hidden, blocks=BLOCKS)).effects
     assert effect.where == "all"
 
 
@@ -52,7 +52,7 @@ def interval_of_another_shape(misfit: float, seed: int) -> ParameterInterval:
     along = 0.6 * rng.uniform(-1.0, 1.0)  # a third (RMS) of what lies beside it
     other = wave / np.sqrt(np.mean(wave**2)) * np.sqrt(np.mean(own**2)) + along * own[0]
     problem.measured = problem.measured + misfit * other
-    (found,) = search(problem).effects
+    (found,) = search_effects(problem).effects
     assert found.where == "all"
     return found.params["size"]
 
@@ -85,7 +85,7 @@ class VectorProblem(LinearProblem):
 
 
 def test_a_small_component_is_no_less_certain_beside_a_large_one() -> None:
-    (effect,) = search(VectorProblem()).effects
+    (effect,) = search_effects(VectorProblem()).effects
     for name, size in (("x", 40.0), ("y", 4.0)):
         low, high = effect.params[name].ci90
         assert low <= size <= high

@@ -17,23 +17,23 @@ from saltus.errors import ConfigError
 from saltus.real2sim.experiments import motions
 from saltus.real2sim.experiments.footage import FootageCamera
 from saltus.real2sim.experiments.menu import EXPERIMENTS, experiment_named
-from saltus.real2sim.experiments.run import SensorNoise, run
+from saltus.real2sim.experiments.run import SensorNoise, run_experiment
 from saltus.real2sim.experiments.safety import ExperimentLimits, UnsafeMotionError
 from saltus.real2sim.problem.log import load_rigs, robot_of
-from saltus.real2sim.screening.screen import screen
+from saltus.real2sim.screening.screen import screen_log
 from saltus.real2sim.sensors import SENSORS
 from saltus.recordings.run_log import read_run_log, write_run_log
 
 BRIEF = {
     "fixed": dataclasses.replace(
         EXPERIMENTS["joint_chirp"],
-        sections=lambda robot: motions.repeated(
+        sections=lambda robot: motions.repeat_motion(
             "chirp", 2, motions.sweep(robot, 1.0, 1.0, 5.0, 0.3)
         ),
     ),
     "free": dataclasses.replace(
         EXPERIMENTS["heave_and_pitch"],
-        sections=lambda robot: motions.repeated(
+        sections=lambda robot: motions.repeat_motion(
             "rock", 2, motions.body_sine(robot, 1.5, 2.0, 0.02, 0.08)
         ),
     ),
@@ -90,7 +90,7 @@ def test_a_jump_of_the_desired_angle_counts_as_torque() -> None:
 def test_a_robot_that_leaves_its_limits_is_stopped() -> None:
     careful = dataclasses.replace(BRIEF["free"], limits=ExperimentLimits(tilt_rad=0.04))
     with pytest.raises(UnsafeMotionError, match="the base tilts"):
-        run(careful, ROBOT, IDEAL)
+        run_experiment(careful, ROBOT, IDEAL)
     with pytest.raises(UnsafeMotionError, match="FR_thigh moves at"):
         ExperimentLimits().check_state(
             ROBOT, 0.0, np.array([1.0, 0.0, 0.0, 0.0]), ROBOT.stand_pose, 50.0 * np.eye(12)[1]
@@ -107,13 +107,13 @@ def test_a_robot_that_leaves_its_limits_is_stopped() -> None:
 
 @pytest.mark.parametrize("base", BRIEF)
 def test_a_log_survives_writing_and_screening(base: str, tmp_path: Path) -> None:
-    log = run(BRIEF[base], ROBOT, IDEAL, seed=1)
+    log = run_experiment(BRIEF[base], ROBOT, IDEAL, seed=1)
     directory = tmp_path / "log"
     write_run_log(log, directory)
     read = read_run_log(directory)
     assert read.meta == log.meta
     np.testing.assert_array_equal(read.joints.q, log.joints.q)
-    assert not [fault.text for fault in screen(read) if fault.is_fatal]
+    assert not [fault.text for fault in screen_log(read) if fault.is_fatal]
     assert (read.depth is not None) == BRIEF[base].camera
     assert (read.base is not None) == (base == "free")
 
@@ -121,21 +121,23 @@ def test_a_log_survives_writing_and_screening(base: str, tmp_path: Path) -> None
 def test_a_held_robot_moves_by_the_law_of_its_drives() -> None:
     silent = SensorNoise(q_rad=0.0, dq_rad_s=0.0, tau_nm=0.0)
     experiment = BRIEF["fixed"]
-    joints = run(experiment, ROBOT, IDEAL, noise=silent).joints
+    joints = run_experiment(experiment, ROBOT, IDEAL, noise=silent).joints
     assert joints.dq is not None
     assert joints.dq_des is not None
     kp, kd = experiment.gains(ROBOT)
     law = kp * (joints.q_des - joints.q) + kd * (joints.dq_des - joints.dq)
     np.testing.assert_allclose(joints.tau_est, law, atol=1e-9)
     np.testing.assert_allclose(np.diff(joints.q, axis=0), PHYSICS_DT * joints.dq[:-1], atol=2e-3)
-    stuck = run(
+    stuck = run_experiment(
         experiment, ROBOT, Profile(actuator=(CoulombFriction(torque=20.0),)), noise=silent
     ).joints
     assert np.ptp(stuck.q, axis=0).max() < 0.02, "friction above every torque must hold the joints"
 
 
 def test_the_same_seed_makes_the_same_log_and_another_seed_another() -> None:
-    first, same, other = (run(BRIEF["free"], ROBOT, IDEAL, seed=seed) for seed in (3, 3, 4))
+    first, same, other = (
+        run_experiment(BRIEF["free"], ROBOT, IDEAL, seed=seed) for seed in (3, 3, 4)
+    )
     assert first.depth is not None
     assert same.depth is not None
     np.testing.assert_array_equal(first.joints.q, same.joints.q)
@@ -144,7 +146,7 @@ def test_the_same_seed_makes_the_same_log_and_another_seed_another() -> None:
 
 
 def test_the_camera_is_late_by_the_latency_of_its_profile_not_by_its_claim() -> None:
-    late = run(
+    late = run_experiment(
         BRIEF["free"],
         ROBOT,
         Profile(camera=(CameraLatency(latency=0.04),)),
@@ -166,7 +168,7 @@ def test_a_robot_that_saltus_does_not_ship_comes_with_its_model_and_is_replayed_
         ROBOT, name="heavy", mjcf=ROBOT.mjcf.replace("mass='5.204'", "mass='9'")
     )
     experiment = dataclasses.replace(BRIEF["free"], camera=False)
-    write_run_log(run(experiment, heavy, IDEAL), tmp_path / "log", heavy)
+    write_run_log(run_experiment(experiment, heavy, IDEAL), tmp_path / "log", heavy)
     (log,) = load_rigs([tmp_path / "log"])
     assert log.meta["robot"] == str(tmp_path / "log" / "heavy.xml")
     assert robot_of(log).mass == pytest.approx(ROBOT.mass + 9.0 - 5.204)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from saltus.effects.profile import IDEAL
 from saltus.real2sim.experiments.menu import experiment_named
-from saltus.real2sim.experiments.run import run
+from saltus.real2sim.experiments.run import run_experiment
 from saltus.real2sim.screening.base_faults import rig_faults
 from saltus.recordings.run_log import RunLog
 
@@ -19,7 +19,7 @@ from saltus.recordings.run_log import RunLog
 @pytest.fixture(scope="module")
 def logs() -> list[RunLog]:
     """Logs of a body that heaves, rocks and turns, and of a robot that rocks."""
-    rocking = run(experiment_named("pitch_rocking"), ROBOT, IDEAL, seed=3)
+    rocking = run_experiment(experiment_named("pitch_rocking"), ROBOT, IDEAL, seed=3)
     return [body_log(seconds=4.0), rocking]
 
 

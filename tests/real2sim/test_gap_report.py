@@ -20,12 +20,12 @@ from saltus.real2sim.problem.problem import ExplanatoryVariable, Problem
 from saltus.real2sim.reporting import figures
 from saltus.real2sim.reporting.localise import ResidualSignal, channels_of
 from saltus.real2sim.reporting.report import report_page
-from saltus.real2sim.reporting.verdict_text import sentence
+from saltus.real2sim.reporting.verdict_text import verdict_sentence
 from saltus.real2sim.results import Judgement, LogExamination, SensorResult
 from saltus.real2sim.screening.channel_scales import LogFault
 from saltus.real2sim.search.findings import ModelResiduals, SearchFindings
-from saltus.real2sim.search.search import search
-from saltus.real2sim.verdict import NextExperiment, Verdict, merge
+from saltus.real2sim.search.search import search_effects
+from saltus.real2sim.verdict import NextExperiment, Verdict, merge_findings
 from saltus.recordings.run_log import RunLog
 from saltus.reports.page import write_page
 
@@ -48,7 +48,7 @@ def found(case: str) -> tuple[Problem, SearchFindings]:
     }[case]
     problem = LinearProblem(hidden, seed=3, alike=0.999 if case == "set" else None)
     problem.untestable = {"torque_speed_limit": "max |dq| 6.1 < 20 rad/s"}
-    findings = search(problem, seed=0)
+    findings = search_effects(problem, seed=0)
     if case == "unexplained":
         findings = replace(findings, verdict="unexplained", effects=(), nearest=findings.effects)
     return problem, findings
@@ -58,12 +58,14 @@ def judged(case: str) -> Judgement:
     if case == "bad_log":
         faults = (LogFault(name="units", text="q is in degrees & not in radians"),)
         examined = LogExamination(log=rig_log(), faults=faults, untestable={})
-        verdict = merge((), [fault.text for fault in faults])
+        verdict = merge_findings((), [fault.text for fault in faults])
     else:
         problem, findings = found(case)
         compared = SensorResult(problem=problem, findings=findings, log=rig_log())
         examined = LogExamination(log=rig_log(), faults=(), untestable={}, comparisons=(compared,))
-        verdict = replace(merge([findings]), next_experiment=NEXT if case == "set" else None)
+        verdict = replace(
+            merge_findings([findings]), next_experiment=NEXT if case == "set" else None
+        )
     return judgement(verdict, examined)
 
 
@@ -84,7 +86,7 @@ def test_every_verdict_has_a_page_that_says_it(case: str, tmp_path: Path) -> Non
     of = judged(case)
     assert of.verdict.verdict == case
     text = page(of, tmp_path)
-    said = sentence(of.verdict)
+    said = verdict_sentence(of.verdict)
     assert f"<h1>{escape(said[0].upper() + said[1:])}</h1>" in text
     assert escape(LOG.log) in text
     assert LOG.sha256 in text
@@ -194,7 +196,9 @@ def test_a_camera_s_residuals_are_shown_over_the_image(tmp_path: Path) -> None:
     findings = SearchFindings(problem="camera", verdict="no_gap", residuals=residuals)
     compared = SensorResult(problem=problem, findings=findings, log=log)
     examined = LogExamination(log=log, faults=(), untestable={}, comparisons=(compared,))
-    assert "Mean residual over the image" in page(judgement(merge([findings]), examined), tmp_path)
+    assert "Mean residual over the image" in page(
+        judgement(merge_findings([findings]), examined), tmp_path
+    )
 
 
 def test_samples_that_are_missing_do_not_spoil_what_they_drive() -> None:

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from saltus.config import load
-from saltus.real2sim.importers.file_kinds import evenly, rate_scale, state_times
+from saltus.config import load_config
+from saltus.real2sim.importers.file_kinds import rate_scale, resample_joints, state_times
 from saltus.real2sim.importers.importing import import_recording
 from saltus.real2sim.problem.log import load_rigs, segments_of
-from saltus.real2sim.screening.screen import screen
+from saltus.real2sim.screening.screen import screen_log
 from saltus.recordings.recording_description import RecordingDescription
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import LEGS, Robot
@@ -89,7 +89,7 @@ def test_the_states_that_passed_between_rows_are_counted(
     true = 0.002 * (state - state[0])
     assert np.mean(np.abs(found - true) < 1e-9) > 0.98
     np.testing.assert_allclose(rate_scale(seen_q, seen_dq, 0.005), scale, rtol=0.01)
-    even, rate = evenly(found, seen_q, seen_dq / scale, 0.005 * np.arange(len(state)))
+    even, rate = resample_joints(found, seen_q, seen_dq / scale, 0.005 * np.arange(len(state)))
     rows_s = 0.005 * np.arange(len(state)) + 0.002 * state[0]
     exact = np.stack([np.interp(rows_s, 0.002 * np.arange(len(q)), joint) for joint in q.T], axis=1)
     assert np.sqrt(np.mean((even - exact)[10:-10] ** 2)) < 0.3 * np.sqrt(
@@ -107,7 +107,7 @@ def test_every_leg_has_a_log_without_what_its_end_stop_disturbs(go2: Robot, tmp_
     rows = np.floor(0.005 * np.arange(3100) / 0.002).astype(int)
     table = _record(q[rows], dq[rows], tmp_path / "recording.csv")
     logs = import_recording(
-        table, tmp_path / "logs", load(RecordingDescription, GO2 / "log.toml"), go2
+        table, tmp_path / "logs", load_config(RecordingDescription, GO2 / "log.toml"), go2
     ).logs
     assert [path.name for path in logs] == ["FL", "FR", "RL", "RR"]
     for path in logs:
@@ -139,13 +139,13 @@ def test_gravity_tells_left_from_right_in_the_recording(
     recording: Path, go2: Robot, tmp_path: Path
 ) -> None:
     for path in import_recording(
-        recording, tmp_path / "logs", load(RecordingDescription, GO2 / "log.toml"), go2
+        recording, tmp_path / "logs", load_config(RecordingDescription, GO2 / "log.toml"), go2
     ).logs:
         (log,) = load_rigs([path])
-        assert not any(fault.is_fatal for fault in screen(log)), path.name
+        assert not any(fault.is_fatal for fault in screen_log(log)), path.name
         mirror = {"FL": "FR", "FR": "FL", "RL": "RR", "RR": "RL"}[path.name]
         log.meta["joints"] = [f"{mirror}_{joint}" for joint in ("hip", "thigh", "calf")]
-        assert any(fault.name == "against_gravity" for fault in screen(log)), path.name
+        assert any(fault.name == "against_gravity" for fault in screen_log(log)), path.name
         assert log.meta["kp"] == 20
         assert log.joints.q_des is not None
         changes = np.flatnonzero(np.any(np.diff(log.joints.q_des, axis=0) != 0, axis=1))

@@ -17,10 +17,10 @@ from ros_bag import write_bag
 from samples import ROBOT
 
 from saltus.cli.main import main
-from saltus.config import load
+from saltus.config import load_config
 from saltus.errors import RecordingError
 from saltus.real2sim.importers.importing import import_recording
-from saltus.real2sim.pipeline import find
+from saltus.real2sim.pipeline import find_in_logs
 from saltus.recordings.recording_description import BagTopics, RecordingDescription, TableColumns
 from saltus.recordings.run_log import JOINT_SIGNALS, RunLog, read_run_log, write_run_log
 
@@ -116,7 +116,7 @@ def test_two_ways_to_one_run_give_one_verdict(tmp_path: Path) -> None:
     )
     imported = import_recording(bag, tmp_path / "imported", description, ROBOT)
     first, second = (
-        find([path], tmp_path / f"of {path.name}").verdict
+        find_in_logs([path], tmp_path / f"of {path.name}").verdict
         for path in (tmp_path / "log", *imported.logs)
     )
     assert first.verdict != "bad_log"
@@ -159,7 +159,7 @@ def test_without_commands_the_camera_is_compared_and_the_drives_are_not(tmp_path
     claims = {key: value for key, value in claims_of(log).items() if key not in ("kp", "kd")}
     imported = import_recording(bag, tmp_path / "log", RecordingDescription(claims=claims), ROBOT)
     assert any("q_des, kp, kd" in note for note in imported.notes)
-    verdict = find(imported.logs, tmp_path / "found").verdict
+    verdict = find_in_logs(imported.logs, tmp_path / "found").verdict
     assert verdict.verdict != "bad_log"
     assert verdict.untestable["payload_mass"] == "no commands of the joints (q_des)"
     assert "camera_latency" not in verdict.untestable
@@ -215,7 +215,7 @@ def _of_example() -> tuple[RunLog, RecordingDescription, TableColumns]:
     """
     log = joints_log(seconds=1.0)
     log = replace(log, joints=replace(log.joints, dq_des=None, tau_ff=None))
-    description = load(RecordingDescription, PROJECT / "examples" / "own_csv.toml")
+    description = load_config(RecordingDescription, PROJECT / "examples" / "own_csv.toml")
     assert description.columns is not None
     return log, description, replace(description.columns, joints=tuple(description.joint_names))
 

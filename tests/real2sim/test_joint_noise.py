@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from saltus.real2sim.problem.joints.noise import PIECE, learned
+from saltus.real2sim.problem.joints.noise import PIECE, learned_whitening
 from saltus.real2sim.problem.joints.problem import SAMPLE_S
 
 SAMPLES, JOINTS = 1875, 12
@@ -37,7 +37,7 @@ def power_of_noise(rng: np.random.Generator, repeated: float, claimed: float) ->
     """
     apart = (noise(rng) - noise(rng)) / np.sqrt(2.0) + swing(rng, repeated)
     repeats = apart[: 34 * PIECE].reshape(34, PIECE, JOINTS)
-    whitening = learned(
+    whitening = learned_whitening(
         [repeats],
         noise(rng) + swing(rng, claimed),
         np.zeros(JOINTS),

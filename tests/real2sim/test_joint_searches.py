@@ -12,7 +12,7 @@ from saltus.effects.effect import Effect
 from saltus.effects.encoders import EncoderBias, VelocityScale
 from saltus.effects.joint_loads import EndStop, JointSpring
 from saltus.real2sim.problem.joints.problem import JointProblem
-from saltus.real2sim.search.search import search
+from saltus.real2sim.search.search import search_effects
 from saltus.recordings.run_log import JointTable, RunLog
 from saltus.robots.robot import JOINTS
 
@@ -26,7 +26,7 @@ HIDDEN = (
 @pytest.mark.slow
 @pytest.mark.parametrize("effect", HIDDEN, ids=lambda effect: effect.name)
 def test_an_effect_that_a_robot_hides_is_found_by_its_name(effect: Effect[Any]) -> None:
-    findings = search(JointProblem(of_one_leg(noisy(motion(effect)))))
+    findings = search_effects(JointProblem(of_one_leg(noisy(motion(effect)))))
     assert (findings.verdict, {found.name for found in findings.effects}) == (
         "named",
         {effect.name},
@@ -54,7 +54,7 @@ def of_motion(log: RunLog, condition: str) -> RunLog:
 def test_a_soft_end_stop_is_found_where_knees_lean_on_it() -> None:
     """0.1 rad before the model's limit, at -0.888 rad."""
     log = motion(EndStop(upper=(np.inf, np.inf, -0.99) * 4, stiffness=250.0), stretched=0.5)
-    findings = search(JointProblem(of_one_leg(noisy(log))))
+    findings = search_effects(JointProblem(of_one_leg(noisy(log))))
     ((name, where, found),) = [(e.name, e.where, e.params) for e in findings.effects]
     assert (findings.verdict, name, where) == ("named", "end_stop", ("FR_calf",))
     assert found["upper"].value == pytest.approx(-0.99, abs=0.005)
@@ -63,7 +63,7 @@ def test_a_soft_end_stop_is_found_where_knees_lean_on_it() -> None:
 
 @pytest.mark.slow
 def test_a_base_that_rolls_is_found() -> None:
-    findings = search(
+    findings = search_effects(
         JointProblem(of_motion(noisy(motion(BaseRoll(give=0.05, damping=0.2))), "chirp"))
     )
     ((name, where, found),) = [(e.name, e.where, e.params) for e in findings.effects]
@@ -79,7 +79,7 @@ def test_a_base_is_not_accused_where_joints_are_missing() -> None:
 @pytest.mark.slow
 def test_an_integral_term_is_no_spring() -> None:
     """It pulls much as one does, and is in no library."""
-    findings = search(JointProblem(of_one_leg(noisy(motion(integral=4.0)))))
+    findings = search_effects(JointProblem(of_one_leg(noisy(motion(integral=4.0)))))
     assert findings.verdict == "unexplained"
     assert {found.name for found in findings.nearest} == {"joint_spring"}
 
@@ -88,11 +88,14 @@ def test_an_integral_term_is_no_spring() -> None:
 def test_effects_that_a_motion_cannot_tell_apart_come_as_a_set() -> None:
     """A slow motion near one pose asks an encoder bias and a pull for the same torque."""
     slow = of_motion(noisy(motion(EncoderBias(bias=0.1))), "triangle")
-    (alike,) = search(JointProblem(of_one_leg(slow))).sets
+    (alike,) = search_effects(JointProblem(of_one_leg(slow))).sets
     assert {"encoder_bias", "joint_spring"} <= set(alike)
 
 
 @pytest.mark.parametrize("stretched", [0.0, pytest.param(0.5, marks=pytest.mark.slow)])
 def test_an_ideal_robot_is_not_accused(stretched: float) -> None:
     """Also where its knees hit the limits that the model claims."""
-    assert search(JointProblem(of_one_leg(noisy(motion(stretched=stretched))))).verdict == "no_gap"
+    assert (
+        search_effects(JointProblem(of_one_leg(noisy(motion(stretched=stretched))))).verdict
+        == "no_gap"
+    )

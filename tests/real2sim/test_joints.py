@@ -22,9 +22,9 @@ from saltus.real2sim.problem.joints import uniform_log as joint_motion
 from saltus.real2sim.problem.joints.candidates import KINDS, LOOP_RATE, LogRange
 from saltus.real2sim.problem.joints.drives import JointDrives, lost_to_saturation
 from saltus.real2sim.problem.joints.excitation import _step
-from saltus.real2sim.problem.joints.joint_mechanics import slipping, slowed_by_friction
+from saltus.real2sim.problem.joints.joint_mechanics import bristle_slip, slowed_by_friction
 from saltus.real2sim.problem.joints.problem import JointProblem
-from saltus.real2sim.problem.joints.replay import replay
+from saltus.real2sim.problem.joints.replay import replay_windows
 from saltus.real2sim.saturation_curve import _fitted, _Pieces
 
 PLACES = ("hip", "thigh", "calf")
@@ -85,7 +85,7 @@ def name_of(case: Hidden) -> str:
 
 def simulated(problem: JointProblem, drives: JointDrives) -> np.ndarray:
     """Means of angles, velocities and torques, as the problem replays them."""
-    return replay(problem._motion, problem._windows, drives, problem._averaged)
+    return replay_windows(problem._motion, problem._windows, drives, problem._averaged)
 
 
 def test_the_replay_is_the_plant() -> None:
@@ -226,7 +226,7 @@ def test_bristles_slip_as_dahl_says_whatever_the_step(step: float) -> None:
     for way in (step, -step):
         before, to = bent[0], -np.sign(way)
         for k in range(1, round(6.0 / step) + 1):
-            softer, older = slipping(give, bent, np.full(1, step))
+            softer, older = bristle_slip(give, bent, np.full(1, step))
             bent = give * (older - way) / softer
             assert bent[0] == pytest.approx(to + (before - to) * np.exp(-k * step), abs=1e-9)
 

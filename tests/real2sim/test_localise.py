@@ -9,7 +9,7 @@ from saltus.real2sim.reporting.localise import (
     ResidualSignal,
     explanatory_variables_of,
     in_words,
-    localise,
+    localise_gap,
 )
 from saltus.robots.robot import JOINTS
 
@@ -47,7 +47,7 @@ def _channels(seed: int, gap: str, kind: str, size: float) -> list[ResidualSigna
 
 @pytest.mark.parametrize("gap", ["torque", "velocity", "the direction of motion", "a constant"])
 def test_what_a_residual_grows_with_is_said_of_the_joints_that_have_it(gap: str) -> None:
-    first = localise(_channels(1, gap, "calf", 3.0))[0]
+    first = localise_gap(_channels(1, gap, "calf", 3.0))[0]
     assert first.variable == gap
     assert first.text.startswith("calf joints: q")
     assert set(first.places) == {joint for joint in JOINTS if joint.endswith("calf")}
@@ -55,7 +55,9 @@ def test_what_a_residual_grows_with_is_said_of_the_joints_that_have_it(gap: str)
 
 
 def test_the_threshold_beyond_which_a_gap_lies_is_found() -> None:
-    said = [s for s in localise(_channels(2, "beyond", "calf", 4.0)) if "where |torque|" in s.text]
+    said = [
+        s for s in localise_gap(_channels(2, "beyond", "calf", 4.0)) if "where |torque|" in s.text
+    ]
     assert said
     assert said[0].text.startswith("calf joints")
     threshold = float(said[0].text.split("is above ")[1].split(" ")[0])
@@ -69,7 +71,7 @@ def test_a_regime_is_said_as_one() -> None:
         name="just after reversals", unit="", values=turning, is_regime=True
     )
     residual = rng.normal(size=ROWS) * (1 + 3 * turning)
-    (said,) = localise(
+    (said,) = localise_gap(
         [ResidualSignal(signal="q", place="FR_hip", residual=residual, variables=(variable,))]
     )
     assert said.text.startswith("FR_hip: q is off by 3.9 sigma")
@@ -83,7 +85,7 @@ def test_nothing_is_said_of_noise_even_if_it_is_coloured() -> None:
         for channel in channels:
             coloured = np.convolve(rng.normal(size=ROWS), np.ones(10), mode="same")
             channel.residual[:] = coloured
-        assert localise(channels) == ()
+        assert localise_gap(channels) == ()
 
 
 @pytest.mark.parametrize(

@@ -12,11 +12,11 @@ from saltus.arrays import Floats
 from saltus.effects.motors import ActuatorLag, TorqueSpeedLimit
 from saltus.effects.profile import Profile
 from saltus.real2sim.problem.problem import Problem, WrappedProblem
-from saltus.real2sim.reporting.verdict_text import sentence
+from saltus.real2sim.reporting.verdict_text import verdict_sentence
 from saltus.real2sim.search.findings import FoundEffect, ParameterInterval
-from saltus.real2sim.search.search import search
+from saltus.real2sim.search.search import search_effects
 from saltus.real2sim.stacked_problem import RebasedProblem
-from saltus.real2sim.verdict import ResidualGap, Verdict, merge
+from saltus.real2sim.verdict import ResidualGap, Verdict, merge_findings
 from saltus.robots.robot import JOINTS
 
 SURPLUS: dict[str, dict[str, tuple[float, ...]]] = {
@@ -63,11 +63,11 @@ LAG = {"actuator_lag": (0.006,)}
 def test_what_the_log_does_not_show_is_said_and_nothing_is_named_in_its_place(
     known: dict[str, tuple[float, ...]], has: dict[str, tuple[float, ...]]
 ) -> None:
-    findings = search(Profiled(OneJoint(everywhere(**LAG)), {**has, **known}))
+    findings = search_effects(Profiled(OneJoint(everywhere(**LAG)), {**has, **known}))
     assert (findings.verdict, findings.effects) == ("unexplained", ())
     assert set(findings.misfits) == set(has)
     assert all(gap.floor == min(1.0, gap.after) for gap in findings.gaps)
-    said = sentence(merge([findings]))
+    said = verdict_sentence(merge_findings([findings]))
     assert all(name in said for name in has)
     assert "lacks" not in said
 
@@ -78,10 +78,10 @@ def test_what_the_log_shows_stays_and_what_is_missing_is_named(
     has: dict[str, tuple[float, ...]],
 ) -> None:
     hidden = everywhere(**has, actuator_lag=(0.006,))
-    findings = search(Profiled(OneJoint(hidden), has))
+    findings = search_effects(Profiled(OneJoint(hidden), has))
     assert findings.misfits == ()
     assert [effect.name for effect in findings.effects] == ["actuator_lag"]
-    assert search(Profiled(OneJoint(everywhere(**has)), has)).verdict == "no_gap"
+    assert search_effects(Profiled(OneJoint(everywhere(**has)), has)).verdict == "no_gap"
 
 
 @pytest.mark.sample(3)
@@ -96,7 +96,7 @@ def test_a_limit_that_the_robot_lacks_is_a_misfit_or_where_no_motion_reaches_it_
     """
     limit = TorqueSpeedLimit(corner=limits[0], no_load=limits[1])
     pendulums = Profiled(OneJoint(everywhere(**LAG), fast=True), known)
-    findings = search(RebasedProblem(pendulums, Profile(actuator=(limit,))))
+    findings = search_effects(RebasedProblem(pendulums, Profile(actuator=(limit,))))
     assert limit.name not in {effect.name for effect in findings.effects}
     if limits[1] < REACHED:
         assert (findings.verdict, findings.misfits) == ("unexplained", (limit.name,))
@@ -112,7 +112,7 @@ def test_a_limit_that_the_robot_has_stays(known: dict[str, tuple[float, ...]]) -
     pendulums = Profiled(
         OneJoint(everywhere(torque_speed_limit=(1.0, 0.0, 24.0), **LAG), fast=True), known
     )
-    findings = search(
+    findings = search_effects(
         RebasedProblem(pendulums, Profile(actuator=(TorqueSpeedLimit(corner=0.0, no_load=24.0),)))
     )
     assert (findings.verdict, findings.misfits) == ("no_gap" if known else "named", ())
@@ -137,7 +137,7 @@ def test_values_are_stated_as_they_are_at_each_place_also_where_those_of_the_pro
         for place, no_load in there.items()
     }
     profile = Profile(actuator=(TorqueSpeedLimit(corner=0.0, no_load=had),))
-    findings = search(RebasedProblem(OneJoint(hidden, fast=True), profile))
+    findings = search_effects(RebasedProblem(OneJoint(hidden, fast=True), profile))
     stated = {
         place: effect.params["no_load"].value
         for effect in findings.effects
@@ -152,8 +152,8 @@ def test_an_effect_that_the_profile_has_is_not_said_to_be_lacking() -> None:
     size = ParameterInterval(value=0.004, ci90=(0.003, 0.005), unit="s")
     effect = FoundEffect(name="actuator_lag", where="all", params={"time_constant": size})
     verdict = Verdict(verdict="named", effects=(effect,), gap=OPEN)
-    assert sentence(verdict).startswith("the simulator lacks actuator_lag (")
-    changed = sentence(verdict, Profile(actuator=(ActuatorLag(time_constant=0.01),)))
+    assert verdict_sentence(verdict).startswith("the simulator lacks actuator_lag (")
+    changed = verdict_sentence(verdict, Profile(actuator=(ActuatorLag(time_constant=0.01),)))
     assert changed.startswith(
         "the profile's actuator_lag does not fit the log, while actuator_lag (time_constant 0.004"
     )
@@ -168,8 +168,8 @@ def test_an_effect_is_said_once_however_many_joints_have_values_of_their_own() -
         )
         for k, joint in enumerate(JOINTS)
     )
-    assert sentence(Verdict(verdict="named", effects=effects, gap=OPEN)) == (
+    assert verdict_sentence(Verdict(verdict="named", effects=effects, gap=OPEN)) == (
         "the simulator lacks torque_saturation (knee 8 to 19 Nm; 12 joints)."
     )
-    two = sentence(Verdict(verdict="named", effects=effects[:2], gap=OPEN))
+    two = verdict_sentence(Verdict(verdict="named", effects=effects[:2], gap=OPEN))
     assert two == "the simulator lacks torque_saturation (knee 8 to 9 Nm; FR_hip, FR_thigh)."

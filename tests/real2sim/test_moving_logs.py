@@ -16,13 +16,13 @@ from saltus.cli.main import main
 from saltus.effects.profile import IDEAL
 from saltus.real2sim.experiments.menu import Experiment, experiment_named
 from saltus.real2sim.experiments.motions import ExperimentSection, rest
-from saltus.real2sim.experiments.run import run
+from saltus.real2sim.experiments.run import run_experiment
 from saltus.real2sim.experiments.safety import ExperimentLimits
-from saltus.real2sim.pipeline import examine, judge
+from saltus.real2sim.pipeline import examine_logs, judge_logs
 from saltus.real2sim.problem.camera.problem import CameraProblem
 from saltus.real2sim.problem.camera.rays import BaseMotion
-from saltus.real2sim.screening.screen import screen
-from saltus.real2sim.search.search import search
+from saltus.real2sim.screening.screen import screen_log
+from saltus.real2sim.search.search import search_effects
 from saltus.recordings.run_log import RunLog, write_run_log
 from saltus.rotations import quaternion_from_roll_pitch_yaw, quaternion_product, rotation_matrix
 
@@ -50,14 +50,14 @@ def logs(jumps: tuple[RunLog, Path]) -> dict[str, RunLog]:
         )
         for name, moves in commands.items()
     }
-    made = {name: run(experiment, ROBOT, IDEAL) for name, experiment in free.items()}
-    held = run(experiment_named("single_sine"), ROBOT, IDEAL)
+    made = {name: run_experiment(experiment, ROBOT, IDEAL) for name, experiment in free.items()}
+    held = run_experiment(experiment_named("single_sine"), ROBOT, IDEAL)
     return {**made, "held": held, "jump": jumps[0]}
 
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_a_healthy_log_is_not_called_damaged(logs: dict[str, RunLog], family: str) -> None:
-    assert screen(logs[family]) == []
+    assert screen_log(logs[family]) == []
 
 
 def test_a_robot_jumps_in_the_log_of_one_that_jumps(logs: dict[str, RunLog]) -> None:
@@ -75,7 +75,9 @@ def test_a_bias_of_a_gyroscope_is_no_damage_however_the_robot_turns(
 ) -> None:
     for family in ("stand", *MOVING):
         for bias in (-0.05, 0.05):
-            assert screen(_table("imu", slice(4, 7), lambda v, b=bias: v + b)(logs[family])) == []  # type: ignore[misc]
+            assert (
+                screen_log(_table("imu", slice(4, 7), lambda v, b=bias: v + b)(logs[family])) == []
+            )  # type: ignore[misc]
 
 
 Damage = Callable[[RunLog], RunLog]
@@ -163,7 +165,7 @@ def test_damage_of_the_log_of_a_moving_robot_is_named(
     logs: dict[str, RunLog], family: str, damage: str
 ) -> None:
     change, names = DAMAGES[damage]
-    faults = screen(change(logs[family]))
+    faults = screen_log(change(logs[family]))
     assert faults
     assert faults[0].is_fatal, faults[0].text
     assert faults[0].name in names.split("|"), faults[0].text
@@ -185,7 +187,7 @@ def test_damage_of_the_log_of_a_moving_robot_is_named(
 def test_a_rate_that_is_not_that_of_the_pose_is_named(
     logs: dict[str, RunLog], family: str, damage: Damage
 ) -> None:
-    faults = screen(damage(logs[family]))
+    faults = screen_log(damage(logs[family]))
     assert [fault.name for fault in faults if fault.is_fatal][:1] == ["wrong_rate"]
 
 
@@ -193,14 +195,14 @@ def test_a_rate_that_is_not_that_of_the_pose_is_named(
 def test_what_a_jumping_log_tells_is_compared_and_what_it_cannot_is_said(
     logs: dict[str, RunLog],
 ) -> None:
-    examinations = examine([logs["jump"]])
+    examinations = examine_logs([logs["jump"]])
     assert [each.findings.problem for each in examinations[0].comparisons] == [
         "camera",
         "body",
         "imu",
     ]
     assert examinations[0].failures == ()
-    judgement = judge(examinations, ())
+    judgement = judge_logs(examinations, ())
     assert judgement.verdict.verdict == "no_gap"
     assert set(judgement.not_compared) == {"joints"}
     assert "drop" in judgement.verdict.untestable["contact_compliance"]
@@ -256,10 +258,12 @@ def test_errors_of_the_pose_that_far_pixels_multiply_are_noise_of_a_camera(
     problem = CameraProblem(log)
     residuals = problem.residuals(problem.absent[None, None])[0, 0]
     assert np.mean(residuals[problem.signal == problem.signals.index("depth")] ** 2) < 1.2
-    findings = search(problem)
+    findings = search_effects(problem)
     assert findings.verdict == "no_gap"
     told = findings.minimum_detectable["camera_pitch"].value
-    off = search(CameraProblem(_camera(log, pitch=log.meta["camera"]["pitch"] - 1.5 * told)))
+    off = search_effects(
+        CameraProblem(_camera(log, pitch=log.meta["camera"]["pitch"] - 1.5 * told))
+    )
     assert [(effect.name, off.verdict) for effect in off.effects] == [("camera_pitch", "named")]
 
 
@@ -312,6 +316,6 @@ def _claims(log: RunLog, **claims: object) -> RunLog:
 def test_what_a_jumping_log_shows_is_named(
     logs: dict[str, RunLog], hide: Damage, effect: str, parameter: str, value: float
 ) -> None:
-    verdict = judge(examine([hide(logs["jump"])]), ()).verdict
+    verdict = judge_logs(examine_logs([hide(logs["jump"])]), ()).verdict
     assert [found.name for found in verdict.effects] == [effect]
     assert verdict.effects[0].params[parameter].value == pytest.approx(value, rel=0.05)

@@ -9,7 +9,7 @@ import pytest
 from linear_problem import WHERES, LinearProblem
 
 from benchmarks.left_out import NarrowedProblem
-from saltus.real2sim.search.search import search
+from saltus.real2sim.search.search import search_effects
 
 BLOCKS = ("FR", "FL")
 
@@ -19,12 +19,12 @@ def test_the_true_effect_left_out_is_unexplained(effect: str) -> None:
     inner = LinearProblem(
         {(effect, *place): 3.0 for place in itertools.product(WHERES, BLOCKS)}, seed=3, colour=0.3
     )
-    assert [found.name for found in search(inner).effects] == [effect]
+    assert [found.name for found in search_effects(inner).effects] == [effect]
     narrowed = NarrowedProblem(inner, (effect,))
     assert {c.effect for c in narrowed.candidates} == {c.effect for c in inner.candidates} - {
         effect
     }
-    findings = search(narrowed)
+    findings = search_effects(narrowed)
     assert findings.verdict == "unexplained"
     assert not findings.effects
 

@@ -9,7 +9,11 @@ from samples import ROBOT
 
 from saltus.real2sim.experiments.footage import FootageCamera
 from saltus.real2sim.experiments.menu import EXPERIMENTS
-from saltus.real2sim.experiments.next_experiment import measure, next_experiment, separations
+from saltus.real2sim.experiments.next_experiment import (
+    measure_separations,
+    next_experiment,
+    separations,
+)
 from saltus.real2sim.search.findings import FoundEffect, ParameterInterval
 from saltus.real2sim.sensors import SENSORS
 
@@ -57,7 +61,7 @@ def test_a_camera_that_looks_down_is_not_sent_to_a_wall() -> None:
     down = ahead | {"pitch": 1.2}
     assert FootageCamera.of(ahead).claim() == ahead
     alike = [
-        _alike(measure(EXPERIMENTS["wall_two_ranges"], ROBOT, FootageCamera.of(claim)))
+        _alike(measure_separations(EXPERIMENTS["wall_two_ranges"], ROBOT, FootageCamera.of(claim)))
         for claim in (ahead, down)
     ]
     assert alike[0] < 0.9

@@ -23,7 +23,7 @@ from saltus.real2sim.patch import (
     ProfilePatch,
     evidence_of,
     patch_from_toml,
-    supported,
+    patchable_effects,
 )
 from saltus.real2sim.pipeline import without_ruled_out
 from saltus.real2sim.problem.joints.torque_curve import as_knee, delivered_torque
@@ -80,9 +80,9 @@ def test_of_two_findings_of_one_effect_the_surer_goes_in(one: FoundEffect) -> No
         return dataclasses.replace(one, params=params)
 
     sure, unsure = shifted(1.0, 0.05), shifted(1.01, 0.1)
-    assert supported((sure, unsure)) == supported((unsure, sure)) == (sure,)
+    assert patchable_effects((sure, unsure)) == patchable_effects((unsure, sure)) == (sure,)
     elsewhere = dataclasses.replace(unsure, where="FL_hip")
-    assert supported((sure, elsewhere)) == (sure, elsewhere)
+    assert patchable_effects((sure, elsewhere)) == (sure, elsewhere)
 
 
 def test_a_patch_and_the_profile_that_it_makes_survive_toml() -> None:
@@ -137,8 +137,8 @@ def test_what_is_no_size_reaches_no_patch() -> None:
         at("camera_latency", latency=(0.0, -0.001, 0.001)),
         at("imu_bias", gyro_x=(0.02, 0.01, 0.03), roll=(0.0, -0.01, 0.01)),
     )
-    assert supported(good) == good
-    assert not supported(
+    assert patchable_effects(good) == good
+    assert not patchable_effects(
         (
             at("torque_saturation", knee=(0.01, 0.005, 0.015), plateau=(20.0, 19.0, 21.0)),
             at("torque_saturation", knee=(9.0, -3.0, 21.0), plateau=(20.0, 19.0, 21.0)),
@@ -155,11 +155,11 @@ def test_a_patch_takes_back_what_a_profile_has_and_a_log_does_not_show() -> None
         params={"torque": ParameterInterval(value=0.0, ci90=(-0.01, 0.01), unit="Nm")},
     )
     rubbing = Profile(actuator=(CoulombFriction(torque=0.2),))
-    taken_back = supported((nothing,), rubbing)
+    taken_back = patchable_effects((nothing,), rubbing)
     assert patch(*taken_back).applied_to(rubbing, ROBOT) == Profile(
         actuator=(CoulombFriction(torque=0.0),)
     )
-    assert not supported((nothing,))
+    assert not patchable_effects((nothing,))
 
 
 def test_a_curve_is_that_of_its_joints_and_leaves_the_others() -> None:

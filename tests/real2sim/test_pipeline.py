@@ -18,12 +18,12 @@ from saltus.effects.profile import IDEAL, Profile
 from saltus.errors import RecordingError
 from saltus.real2sim.experiments import motions
 from saltus.real2sim.experiments.menu import EXPERIMENTS
-from saltus.real2sim.experiments.run import run
+from saltus.real2sim.experiments.run import run_experiment
 from saltus.real2sim.patch import load_patch
-from saltus.real2sim.pipeline import examine, find, judge
+from saltus.real2sim.pipeline import examine_logs, find_in_logs, judge_logs
 from saltus.real2sim.problem.log import load_rigs, segments_of
 from saltus.real2sim.problem.problem import Problem
-from saltus.real2sim.reporting.verdict_text import sentence
+from saltus.real2sim.reporting.verdict_text import verdict_sentence
 from saltus.real2sim.sensors import SENSORS
 from saltus.real2sim.stacked_problem import RebasedProblem
 from saltus.real2sim.verdict import Verdict
@@ -33,11 +33,13 @@ CALVES = (0.0, 0.0, 0.2) * 4
 STIFF = Profile(actuator=(ViscousFriction(coefficient=CALVES),))
 HELD = dataclasses.replace(
     EXPERIMENTS["joint_chirp"],
-    sections=lambda robot: motions.repeated("chirp", 2, motions.sweep(robot, 2.0, 0.5, 8.0, 0.35)),
+    sections=lambda robot: motions.repeat_motion(
+        "chirp", 2, motions.sweep(robot, 2.0, 0.5, 8.0, 0.35)
+    ),
 )
 SEEING = dataclasses.replace(
     EXPERIMENTS["heave_and_pitch"],
-    sections=lambda robot: motions.repeated(
+    sections=lambda robot: motions.repeat_motion(
         "rock", 2, motions.body_chirp(robot, 2.0, 0.5, 4.0, pitch_rad=0.1)
     ),
 )
@@ -45,17 +47,17 @@ SEEING = dataclasses.replace(
 
 @pytest.fixture(scope="module")
 def held() -> RunLog:
-    return run(HELD, ROBOT, STIFF, seed=5)
+    return run_experiment(HELD, ROBOT, STIFF, seed=5)
 
 
 @pytest.fixture(scope="module")
 def seeing() -> RunLog:
-    return run(SEEING, ROBOT, Profile(camera=(CameraLatency(latency=0.03),)), seed=5)
+    return run_experiment(SEEING, ROBOT, Profile(camera=(CameraLatency(latency=0.03),)), seed=5)
 
 
 @dataclasses.dataclass(frozen=True)
 class Found:
-    """What `find` made of a log."""
+    """What `find_in_logs` made of a log."""
 
     log: Path
     out: Path
@@ -67,7 +69,7 @@ class Found:
 def found(held: RunLog, tmp_path_factory: pytest.TempPathFactory) -> Found:
     log, out, stages = tmp_path_factory.mktemp("log") / "run", tmp_path_factory.mktemp("out"), []
     write_run_log(held, log)
-    judgement = find([log], out, progress=lambda _stage, share: stages.append(share))
+    judgement = find_in_logs([log], out, progress=lambda _stage, share: stages.append(share))
     return Found(log, out, stages, judgement.verdict)
 
 
@@ -80,7 +82,7 @@ def test_what_was_hidden_is_found_and_after_the_patch_nothing_is(
     assert effect.name == "viscous_friction"
     assert effect.where == ("FR_calf", "FL_calf", "RR_calf", "RL_calf")
     assert effect.params["coefficient"].value == pytest.approx(0.2, rel=0.05)
-    assert "viscous_friction" in sentence(first)
+    assert "viscous_friction" in verdict_sentence(first)
     assert found.stages == sorted(found.stages)
     assert found.stages[-1] == 1.0
     assert json.loads((found.out / "verdict.json").read_text()) == first.to_dict()
@@ -89,10 +91,10 @@ def test_what_was_hidden_is_found_and_after_the_patch_nothing_is(
         "lowest_training_error",
     }
     profile = load_patch(found.out / "patch.toml").applied_to(IDEAL, ROBOT)
-    second = find([found.log], tmp_path, profile=profile).verdict
+    second = find_in_logs([found.log], tmp_path, profile=profile).verdict
     assert second.verdict == "no_gap"
     assert load_patch(tmp_path / "patch.toml").applied_to(IDEAL, ROBOT) == IDEAL
-    assert "agrees" in sentence(second)
+    assert "agrees" in verdict_sentence(second)
 
 
 def test_a_simulator_with_the_effects_of_the_robot_leaves_noise(held: RunLog) -> None:
@@ -142,8 +144,8 @@ def test_a_sensor_that_fails_does_not_lose_the_others(seeing: RunLog) -> None:
 
     kept = {"camera"}
     sensors = [s if s.name in kept else dataclasses.replace(s, problem=broken) for s in SENSORS]
-    (examined,) = examine([seeing], sensors=sensors)
-    verdict = judge((examined,), ()).verdict
+    (examined,) = examine_logs([seeing], sensors=sensors)
+    verdict = judge_logs((examined,), ()).verdict
     assert len(examined.failures) == 2
     assert any("a bad day" in fault for fault in verdict.log_faults)
     assert "a bad day" in verdict.untestable["payload_mass"]
@@ -153,19 +155,19 @@ def test_a_sensor_that_fails_does_not_lose_the_others(seeing: RunLog) -> None:
     }
     none = [dataclasses.replace(sensor, problem=broken) for sensor in SENSORS]
     with pytest.raises(RecordingError, match="a bad day"):
-        judge(examine([seeing], sensors=none), ())
+        judge_logs(examine_logs([seeing], sensors=none), ())
 
 
 def test_a_damaged_log_is_judged_by_nothing_else(held: RunLog) -> None:
     degrees = dataclasses.replace(
         held, joints=dataclasses.replace(held.joints, q=np.rad2deg(held.joints.q))
     )
-    (examined,) = examine([degrees])
-    judgement = judge((examined,), ())
+    (examined,) = examine_logs([degrees])
+    judgement = judge_logs((examined,), ())
     assert judgement.verdict.verdict == "bad_log"
     assert not examined.comparisons
     assert not judgement.patch.effects
-    assert sentence(judgement.verdict).startswith("The log contradicts itself")
+    assert verdict_sentence(judgement.verdict).startswith("The log contradicts itself")
 
 
 def test_runs_of_different_rigs_are_compared_apart(

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from test_go2_recording import GO2, RECORDINGS, go2
 
-from saltus.config import load
+from saltus.config import load_config
 from saltus.real2sim.importers.importing import import_recording
 from saltus.real2sim.problem.log import load_rigs
-from saltus.real2sim.screening.screen import screen
+from saltus.real2sim.screening.screen import screen_log
 from saltus.recordings.recording_description import RecordingDescription
 from saltus.recordings.run_log import read_run_log
 from saltus.robots.loading import load_robot
@@ -35,7 +35,7 @@ def test_the_sweep_is_imported_to_its_numbers_and_gravity_tells_left_from_right(
 ) -> None:
     sweep = recordings / "go2_sweep_200hz.npz"
     imported = import_recording(
-        sweep, tmp_path / "log", load(RecordingDescription, GO2 / "sweep.toml"), go2
+        sweep, tmp_path / "log", load_config(RecordingDescription, GO2 / "sweep.toml"), go2
     )
     assert imported.notes == (
         "not in the log: dq, tau_est, imu, base, depth; what needs them will be untestable",
@@ -52,10 +52,10 @@ def test_the_sweep_is_imported_to_its_numbers_and_gravity_tells_left_from_right(
         1.5,
     )
     (rig,) = load_rigs([tmp_path / "log"])
-    assert not any(fault.is_fatal for fault in screen(rig))
+    assert not any(fault.is_fatal for fault in screen_log(rig))
     mirror = {"FL": "FR", "FR": "FL", "RL": "RR", "RR": "RL"}
     rig.meta["joints"] = [mirror[joint[:2]] + joint[2:] for joint in rig.meta["joints"]]
-    assert any(fault.is_fatal for fault in screen(rig))
+    assert any(fault.is_fatal for fault in screen_log(rig))
 
 
 def test_the_step_answers_become_a_log_each_to_their_numbers(
@@ -64,7 +64,7 @@ def test_the_step_answers_become_a_log_each_to_their_numbers(
     """On any robot whose joints have these names: nothing is simulated."""
     steps, aliengo = recordings / "aliengo_steps" / "logs.npz", GO2.parent / "aliengo"
     imported = import_recording(
-        steps, tmp_path / "logs", load(RecordingDescription, aliengo / "log.toml"), go2
+        steps, tmp_path / "logs", load_config(RecordingDescription, aliengo / "log.toml"), go2
     )
     assert [path.name for path in imported.logs] == [
         f"{n:02d}" for n in range(26) if n not in (7, 13)

@@ -13,23 +13,25 @@ from saltus.effects.motors import TorqueSaturation, TorqueSpeedLimit
 from saltus.effects.profile import Profile
 from saltus.real2sim.experiments import motions
 from saltus.real2sim.experiments.menu import EXPERIMENTS
-from saltus.real2sim.experiments.run import run
-from saltus.real2sim.pipeline import find
+from saltus.real2sim.experiments.run import run_experiment
+from saltus.real2sim.pipeline import find_in_logs
 from saltus.real2sim.problem.joints.problem import JointProblem
 from saltus.real2sim.stacked_problem import RebasedProblem
 from saltus.recordings.run_log import write_run_log
 
 STEPS = dataclasses.replace(
     EXPERIMENTS["large_steps"],
-    sections=lambda robot: motions.repeated(
+    sections=lambda robot: motions.repeat_motion(
         "steps", 2, motions.steps(robot, 2.2, 0.6, (0.48, 0.48, 0.8))
     ),
 )
 SHORT_TOUR = dataclasses.replace(
     EXPERIMENTS["joint_tour"],
     sections=lambda robot: (
-        *motions.repeated("chirp", 2, motions.sweep(robot, 2.0, 0.5, 8.0, 0.35)),
-        *motions.repeated("large steps", 2, motions.steps(robot, 2.0, 0.5, (0.35, 0.35, 0.55))),
+        *motions.repeat_motion("chirp", 2, motions.sweep(robot, 2.0, 0.5, 8.0, 0.35)),
+        *motions.repeat_motion(
+            "large steps", 2, motions.steps(robot, 2.0, 0.5, (0.35, 0.35, 0.55))
+        ),
     ),
 )
 """What of it shows when drives answer, and how strongly."""
@@ -42,7 +44,7 @@ def test_a_simulator_with_the_curve_of_the_robot_leaves_noise(
     curve: tuple[tuple[float, ...], ...],
 ) -> None:
     robot = Profile(actuator=(TorqueSaturation(curve=curve),))
-    inner = JointProblem(run(STEPS, ROBOT, robot, seed=2))
+    inner = JointProblem(run_experiment(STEPS, ROBOT, robot, seed=2))
     nothing = np.zeros((1, len(inner.blocks), sum(len(c.unknowns) for c in inner.candidates)))
     with_curve = RebasedProblem(inner, robot)
     assert np.mean(with_curve.residuals(nothing) ** 2) == pytest.approx(1.0, abs=0.12)
@@ -59,7 +61,7 @@ def test_a_simulator_with_the_speed_limit_of_the_robot_leaves_noise() -> None:
     robot = Profile(
         actuator=(TorqueSpeedLimit(corner=0.0, no_load=12.0), TorqueSaturation(curve=CURVE))
     )
-    inner = JointProblem(run(STEPS, ROBOT, robot, seed=2))
+    inner = JointProblem(run_experiment(STEPS, ROBOT, robot, seed=2))
     limited = RebasedProblem(inner, robot)
     assert np.mean(
         limited.residuals(limited.absent * np.ones((1, len(inner.blocks), 1))) ** 2
@@ -67,9 +69,11 @@ def test_a_simulator_with_the_speed_limit_of_the_robot_leaves_noise() -> None:
 
 
 def test_nothing_is_missing_of_a_robot_with_the_profile_that_it_has(tmp_path: Path) -> None:
-    write_run_log(run(SHORT_TOUR, ROBOT, PROFILE, seed=70000), tmp_path / "log", ROBOT)
+    write_run_log(run_experiment(SHORT_TOUR, ROBOT, PROFILE, seed=70000), tmp_path / "log", ROBOT)
     assert (
-        find([tmp_path / "log"], tmp_path / "found", profile=PROFILE, report=False).verdict.verdict
+        find_in_logs(
+            [tmp_path / "log"], tmp_path / "found", profile=PROFILE, report=False
+        ).verdict.verdict
         == "no_gap"
     )
 

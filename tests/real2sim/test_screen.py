@@ -11,7 +11,7 @@ from rig_logs import Rig, body_log, joints_logs
 from saltus.arrays import Floats
 from saltus.real2sim.screening.angles import rate_slopes
 from saltus.real2sim.screening.channel_scales import is_off
-from saltus.real2sim.screening.screen import screen
+from saltus.real2sim.screening.screen import screen_log
 from saltus.recordings.run_log import JointTable, LogTable, RunLog
 
 Damage = Callable[[RunLog], RunLog]
@@ -64,18 +64,18 @@ def test_a_rate_is_judged_beside_the_steps_of_a_coarse_encoder(
 @pytest.mark.parametrize("rig", STRONG)
 def test_strong_effects_are_no_damage(logs: dict[Rig, RunLog], rig: Rig) -> None:
     log = logs[rig]
-    assert screen(log) == []
+    assert screen_log(log) == []
     coarse = replace(log.joints, q=np.round(log.joints.q / 1.5e-3) * 1.5e-3)
-    assert screen(replace(log, joints=coarse)) == []
+    assert screen_log(replace(log, joints=coarse)) == []
     bare = replace(log.joints, dq=None, dq_des=None, tau_ff=None, tau_est=None)
-    assert screen(replace(log, joints=bare)) == []
+    assert screen_log(replace(log, joints=bare)) == []
 
 
 def test_a_command_that_arrives_within_a_step_is_not_taken_for_another_gain(
     logs: dict[Rig, RunLog],
 ) -> None:
     log = logs[LATE]
-    assert screen(replace(log, meta={**log.meta, "kp": LATE.kp, "kd": LATE.kd})) == []
+    assert screen_log(replace(log, meta={**log.meta, "kp": LATE.kp, "kd": LATE.kd})) == []
 
 
 @pytest.mark.parametrize("row_s", [0.002, 0.02, 0.1])
@@ -88,10 +88,10 @@ def test_times_in_another_unit_are_named_however_far_apart_rows_are(
     slow = _rows(log.joints, np.arange(0, len(log.joints.q), every))
     joints = replace(slow, time_s=factor * slow.time_s, **({} if has_dq else {"dq": None}))
     claims = {**log.meta, "control_dt": factor * row_s, "segments": []}
-    said = {fault.name: fault.is_fatal for fault in screen(RunLog(meta=claims, joints=joints))}
+    said = {fault.name: fault.is_fatal for fault in screen_log(RunLog(meta=claims, joints=joints))}
     assert said["time_unit"] == (has_dq or factor < 1.0)
     right = RunLog(meta={**claims, "control_dt": row_s}, joints=replace(joints, time_s=slow.time_s))
-    assert "time_unit" not in {fault.name for fault in screen(right)}
+    assert "time_unit" not in {fault.name for fault in screen_log(right)}
 
 
 def test_a_slower_log_a_log_of_one_posture_and_a_log_of_images_are_healthy(
@@ -99,15 +99,15 @@ def test_a_slower_log_a_log_of_one_posture_and_a_log_of_images_are_healthy(
 ) -> None:
     meta = {**log.meta, "control_dt": 0.004}
     assert (
-        screen(RunLog(meta=meta, joints=_rows(log.joints, np.arange(0, len(log.joints.q), 2))))
+        screen_log(RunLog(meta=meta, joints=_rows(log.joints, np.arange(0, len(log.joints.q), 2))))
         == []
     )
     still = replace(
         log.joints, q_des=log.joints.q_des[:1] + 0 * log.joints.q_des, q=0 * log.joints.q + 0.9
     )
     still = replace(still, dq=0 * still.q, tau_est=0 * still.q)
-    assert not any(fault.name == "dead_channel" for fault in screen(replace(log, joints=still)))
-    assert screen(body) == []
+    assert not any(fault.name == "dead_channel" for fault in screen_log(replace(log, joints=still)))
+    assert screen_log(body) == []
 
 
 def _rows(joints: JointTable, rows: np.ndarray) -> JointTable:
@@ -231,7 +231,7 @@ def _hole(log: RunLog) -> RunLog:
     ],
 )
 def test_damage_of_joints_is_named(log: RunLog, damage: Damage, name: str) -> None:
-    faults = screen(damage(log))
+    faults = screen_log(damage(log))
     assert faults
     assert faults[0].is_fatal
     assert faults[0].name in name.split("|"), faults[0].text
@@ -251,7 +251,8 @@ def test_gains_are_not_read_where_the_drive_follows_what_is_not_logged(log: RunL
     def faults(tau_est: Floats, **claims: float) -> set[str]:
         joints = replace(log.joints, tau_ff=tau_ff, tau_est=tau_est)
         return {
-            fault.name for fault in screen(replace(log, joints=joints, meta={**log.meta, **claims}))
+            fault.name
+            for fault in screen_log(replace(log, joints=joints, meta={**log.meta, **claims}))
         }
 
     assert faults(torque) == set()
@@ -261,12 +262,12 @@ def test_gains_are_not_read_where_the_drive_follows_what_is_not_logged(log: RunL
 
 
 def test_one_lost_row_is_told_but_not_fatal(log: RunLog) -> None:
-    faults = screen(_kept(lambda rows: np.r_[0:1000, 1001:rows])(log))
+    faults = screen_log(_kept(lambda rows: np.r_[0:1000, 1001:rows])(log))
     assert [(fault.name, fault.is_fatal) for fault in faults] == [("lost_rows", False)]
 
 
 def test_velocities_that_read_too_fast_are_told_but_not_fatal(log: RunLog) -> None:
-    faults = screen(_scaled(1.14, "dq")(replace(log, joints=replace(log.joints, tau_est=None))))
+    faults = screen_log(_scaled(1.14, "dq")(replace(log, joints=replace(log.joints, tau_est=None))))
     assert [(fault.name, fault.is_fatal) for fault in faults] == [("fast_rate", False)]
     assert "1.14" in faults[0].text
 
@@ -275,7 +276,8 @@ def test_pauses_between_segments_are_no_lost_rows(log: RunLog) -> None:
     named = [{"name": f"{i}", "t0": 4.0 * i, "t1": 4.0 * i + 3, "condition": "a"} for i in range(3)]
     kept = np.flatnonzero(np.mod(log.joints.time_s, 4.0) < 3)
     assert (
-        screen(RunLog(meta={**log.meta, "segments": named}, joints=_rows(log.joints, kept))) == []
+        screen_log(RunLog(meta={**log.meta, "segments": named}, joints=_rows(log.joints, kept)))
+        == []
     )
 
 
@@ -325,7 +327,7 @@ def _two_clocks(log: RunLog) -> RunLog:
     ],
 )
 def test_damage_of_body_and_camera_is_named(body: RunLog, damage: Damage, name: str) -> None:
-    faults = screen(damage(body))
+    faults = screen_log(damage(body))
     assert faults
     assert faults[0].is_fatal
     assert faults[0].name == name, faults[0].text
@@ -337,7 +339,7 @@ def test_a_strong_effect_of_the_camera_is_no_damage(body: RunLog) -> None:
         lambda d: np.minimum(d, 800),
         lambda d: np.repeat(d[::4], 4, axis=0)[: len(d)],
     ):
-        assert screen(_images(change)(body)) == []
+        assert screen_log(_images(change)(body)) == []
 
 
 def test_a_log_without_commands_is_screened_by_what_it_has(log: RunLog, body: RunLog) -> None:
@@ -346,8 +348,8 @@ def test_a_log_without_commands_is_screened_by_what_it_has(log: RunLog, body: Ru
         bare = replace(
             whole, meta=meta, joints=replace(whole.joints, q_des=None, dq_des=None, tau_ff=None)
         )
-        assert not screen(bare)
+        assert not screen_log(bare)
         in_degrees = replace(
             bare, joints=replace(bare.joints, q=np.rad2deg(log.joints.q[: len(bare.joints.q)]))
         )
-        assert {fault.name for fault in screen(in_degrees)} >= {"degrees"}
+        assert {fault.name for fault in screen_log(in_degrees)} >= {"degrees"}

@@ -16,7 +16,7 @@ from saltus.real2sim.search.decide import (
     _dispersion_of,
 )
 from saltus.real2sim.search.residual_split import ResidualCells
-from saltus.real2sim.search.search import _Search, search
+from saltus.real2sim.search.search import _Search, search_effects
 from saltus.real2sim.search.unknowns_layout import ModelEffects, UnknownsLayout
 
 
@@ -26,13 +26,15 @@ def everywhere(effect: str, *values: float) -> dict[tuple[str, str, str], tuple[
 
 @pytest.mark.parametrize("colour", [0.0, 0.5])
 def test_noise_alone_is_no_gap(colour: float) -> None:
-    rulings = [search(LinearProblem({}, seed=seed, colour=colour)).verdict for seed in range(12)]
+    rulings = [
+        search_effects(LinearProblem({}, seed=seed, colour=colour)).verdict for seed in range(12)
+    ]
     assert rulings.count("no_gap") == len(rulings)
 
 
 def test_every_effect_of_a_linear_problem_is_named() -> None:
     for i in range(6):
-        findings = search(LinearProblem(sizes(f"e{i}", 2.5), seed=i, colour=0.3))
+        findings = search_effects(LinearProblem(sizes(f"e{i}", 2.5), seed=i, colour=0.3))
         assert findings.verdict == "named"
         assert [(effect.name, effect.where) for effect in findings.effects] == [(f"e{i}", "all")]
 
@@ -40,7 +42,9 @@ def test_every_effect_of_a_linear_problem_is_named() -> None:
 def test_intervals_hold_the_truth() -> None:
     held = []
     for seed in range(12):
-        findings = search(LinearProblem(sizes("e3", 3.5) | sizes("e5", 3.0), seed=seed, colour=0.4))
+        findings = search_effects(
+            LinearProblem(sizes("e3", 3.5) | sizes("e5", 3.0), seed=seed, colour=0.4)
+        )
         found = {effect.name: effect.params["size"].ci90 for effect in findings.effects}
         held += [
             found[name][0] <= size <= found[name][1] for name, size in (("e3", 3.5), ("e5", 3.0))
@@ -53,12 +57,12 @@ def test_intervals_hold_the_truth() -> None:
     [("hip", "FL", "FL_hip"), ("thigh", "FR", "FR_thigh"), ("thigh", "FL", "FL_thigh")],
 )
 def test_an_effect_at_one_place_is_found_there(where: str, block: str, place: str) -> None:
-    findings = search(LinearProblem({("e4", where, block): 3.0}))
+    findings = search_effects(LinearProblem({("e4", where, block): 3.0}))
     assert [(effect.name, effect.where) for effect in findings.effects] == [("e4", (place,))]
 
 
 def test_effects_of_different_size_are_told_place_by_place() -> None:
-    findings = search(LinearProblem({("e4", "hip", "FR"): 6.0, ("e4", "thigh", "FL"): 3.0}))
+    findings = search_effects(LinearProblem({("e4", "hip", "FR"): 6.0, ("e4", "thigh", "FL"): 3.0}))
     found = {effect.where: effect.params["size"].value for effect in findings.effects}
     assert found == {
         ("FR_hip",): pytest.approx(6.0, rel=0.1),
@@ -68,7 +72,7 @@ def test_effects_of_different_size_are_told_place_by_place() -> None:
 
 @pytest.mark.parametrize(("alike", "verdict"), [(0.98, "set"), (0.8, "named")])
 def test_collinear_effects_are_a_set(alike: float, verdict: str) -> None:
-    findings = search(LinearProblem(sizes("e1", 3.0), alike=alike))
+    findings = search_effects(LinearProblem(sizes("e1", 3.0), alike=alike))
     assert findings.verdict == verdict
     assert findings.sets == ((("e1", "e2"),) if verdict == "set" else ())
     assert findings.confusion.between("e1", "e2") == pytest.approx(alike, abs=0.03)
@@ -77,10 +81,10 @@ def test_collinear_effects_are_a_set(alike: float, verdict: str) -> None:
 @pytest.mark.parametrize("effect", ["e0", "e1", "e3", "e5"])
 def test_the_smallest_detectable_effect_is_at_the_edge_of_detection(effect: str) -> None:
     """Whatever signals and segments show it."""
-    smallest = search(LinearProblem({})).minimum_detectable[effect].value
+    smallest = search_effects(LinearProblem({})).minimum_detectable[effect].value
     for share, verdict in ((1.5, "named"), (0.7, "no_gap")):
         hidden = {(effect, "hip", "FR"): share * smallest}
-        assert search(LinearProblem(hidden)).verdict == verdict
+        assert search_effects(LinearProblem(hidden)).verdict == verdict
 
 
 SINGLES = {
@@ -95,7 +99,7 @@ SINGLES = {
 @pytest.mark.sample(3)
 @pytest.mark.parametrize("effect", SINGLES)
 def test_effects_of_a_joint_are_named_with_their_size(effect: str) -> None:
-    findings = search(OneJoint(everywhere(effect, *SINGLES[effect]), colour=0.4))
+    findings = search_effects(OneJoint(everywhere(effect, *SINGLES[effect]), colour=0.4))
     assert [(found.name, found.where) for found in findings.effects] == [(effect, "all")]
     values = [interval.value for interval in findings.effects[0].params.values()]
     assert values == pytest.approx(SINGLES[effect], rel=0.05)
@@ -107,7 +111,7 @@ def test_effects_of_a_joint_are_named_with_their_size(effect: str) -> None:
 @pytest.mark.parametrize("effect", ["torque_gain", "armature"])
 def test_gain_and_inertia_cannot_be_told_apart(effect: str) -> None:
     size = {"torque_gain": -0.1, "armature": 0.003}[effect]
-    assert search(OneJoint(everywhere(effect, size), colour=0.4)).sets == (
+    assert search_effects(OneJoint(everywhere(effect, size), colour=0.4)).sets == (
         ("armature", "torque_gain"),
     )
 
@@ -123,7 +127,7 @@ def test_gain_and_inertia_cannot_be_told_apart(effect: str) -> None:
 def test_pairs_are_named_though_one_hides_the_other(
     first: tuple[str, float], second: tuple[str, float]
 ) -> None:
-    findings = search(OneJoint(everywhere(*first) | everywhere(*second), colour=0.4))
+    findings = search_effects(OneJoint(everywhere(*first) | everywhere(*second), colour=0.4))
     named = {effect.name for effect in findings.effects} | {
         name for names in findings.sets for name in names
     }
@@ -144,7 +148,7 @@ def test_curves_that_differ_from_leg_to_leg_are_stated_so_that_they_explain_the_
     hidden = {
         ("torque_saturation", where, block): values for (where, block), values in shapes.items()
     }
-    findings = search(
+    findings = search_effects(
         OneJoint(hidden | everywhere("viscous_friction", 0.15), seed=seed, colour=0.4)
     )
     assert findings.verdict == "named"
@@ -159,7 +163,7 @@ def test_three_effects_are_found_though_a_delay_stands_in_for_two_of_them() -> N
         | everywhere("viscous_friction", 0.1)
         | everywhere("coulomb_friction", 0.25)
     )
-    findings = search(OneJoint(hidden))
+    findings = search_effects(OneJoint(hidden))
     named = {found.name for found in findings.effects} | {
         name for names in findings.sets for name in names
     }
@@ -168,7 +172,7 @@ def test_three_effects_are_found_though_a_delay_stands_in_for_two_of_them() -> N
 
 
 def test_a_small_effect_beside_a_far_larger_one_is_named() -> None:
-    findings = search(
+    findings = search_effects(
         OneJoint(everywhere("torque_saturation", 0.6, 4.0) | everywhere("viscous_friction", 0.02))
     )
     assert {found.name for found in findings.effects} == {"torque_saturation", "viscous_friction"}
@@ -196,8 +200,8 @@ def test_an_effect_with_residuals_of_its_own_gains_by_its_own_scatter(is_apart: 
 
     def scored(model: ModelEffects) -> ScoredFit:
         start = model_fit.begun(evaluate, layout, model, layout.of_model(model), null.unknowns, "")
-        fits = model_fit.refine(evaluate, layout, split, [start], stage="")
-        return comparison.score(model_fit.renewed(evaluate, layout, fits, "")[0])
+        fits = model_fit.refine_fits(evaluate, layout, split, [start], stage="")
+        return comparison.score(model_fit.renew_derivatives(evaluate, layout, fits, "")[0])
 
     held, rival = scored(("e1",)), scored(("e1", "e5 of a thigh"))
     found = _dispersion_of(comparison, held, rival, 300.0)
@@ -209,7 +213,7 @@ def test_an_effect_with_residuals_of_its_own_gains_by_its_own_scatter(is_apart: 
 def test_a_choice_that_looks_worse_alone_is_made_beside_another_effect(
     large: float, side: str
 ) -> None:
-    findings = search(ChoiceProblem(sizes("e2", large) | sizes(side, 3.0), alike=0.9))
+    findings = search_effects(ChoiceProblem(sizes("e2", large) | sizes(side, 3.0), alike=0.9))
     assert findings.verdict == "named"
     found = {effect.name: effect.params for effect in findings.effects}
     assert found.keys() == {"e1", "e2"}
@@ -217,13 +221,15 @@ def test_a_choice_that_looks_worse_alone_is_made_beside_another_effect(
 
 
 def test_what_is_not_in_the_library_stays_unexplained() -> None:
-    assert search(OneJoint({}, ripple=0.3, colour=0.4)).verdict == "unexplained"
+    assert search_effects(OneJoint({}, ripple=0.3, colour=0.4)).verdict == "unexplained"
 
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("effect", ["command_delay", "coulomb_friction"])
 def test_without_the_true_effect_no_other_is_named(effect: str) -> None:
-    findings = search(OneJoint(everywhere(effect, *SINGLES[effect]), colour=0.4, without=(effect,)))
+    findings = search_effects(
+        OneJoint(everywhere(effect, *SINGLES[effect]), colour=0.4, without=(effect,))
+    )
     assert findings.verdict == "unexplained"
     assert not findings.effects
     assert not findings.sets
@@ -233,26 +239,26 @@ def test_without_the_true_effect_no_other_is_named(effect: str) -> None:
 
 def test_a_problem_without_candidates_has_no_names() -> None:
     problem = LinearProblem({}, effects=0)
-    assert search(problem).verdict == "no_gap"
+    assert search_effects(problem).verdict == "no_gap"
 
 
 def test_a_gap_without_candidates_is_unexplained() -> None:
     problem = LinearProblem(sizes("e3", 3.0))
     problem.candidates = problem.candidates[-1:]
     problem.keep_unknowns(slice(-1, None))
-    assert search(problem).verdict == "unexplained"
+    assert search_effects(problem).verdict == "unexplained"
 
 
 def test_a_problem_without_residuals_has_no_gap() -> None:
     problem = LinearProblem(sizes("e3", 3.0))
     problem.keep_rows(slice(0, 0))
-    assert search(problem).verdict == "no_gap"
+    assert search_effects(problem).verdict == "no_gap"
 
 
 def test_a_segment_too_short_to_test_by_names_nothing_however_large_its_effect() -> None:
     problem = LinearProblem({("e0", "hip", "FR"): 5.0})
     problem.keep_rows(np.flatnonzero(problem.time_s < 1.2))
-    findings = search(problem)
+    findings = search_effects(problem)
     assert (findings.verdict, findings.effects, findings.sets, findings.gaps) == (
         "unexplained",
         (),

@@ -12,7 +12,7 @@ from benchmarks.left_out import NarrowedProblem
 from saltus.real2sim.search.decide import (
     REMAINDER_RMS,
 )
-from saltus.real2sim.search.search import search
+from saltus.real2sim.search.search import search_effects
 
 
 @pytest.mark.parametrize(
@@ -23,7 +23,7 @@ def test_an_effect_is_named_only_beyond_what_two_correct_simulators_differ_by(
 ) -> None:
     problem = LinearProblem(sizes("e1", 3.0))
     problem.candidates = tuple(replace(each, resolution=resolution) for each in problem.candidates)
-    findings = search(problem)
+    findings = search_effects(problem)
     assert (findings.verdict, bool(findings.effects)) == (verdict, verdict == "named")
 
 
@@ -46,7 +46,7 @@ def little(seed: int, resolution: float, alike: float | None = None) -> LinearPr
 def test_what_shows_little_is_named_where_its_value_is_more_than_simulators_differ_by(
     resolution: float, verdict: str, seed: int
 ) -> None:
-    findings = search(little(seed, resolution))
+    findings = search_effects(little(seed, resolution))
     assert findings.verdict == verdict
     assert {effect.name for effect in findings.effects} <= {"e1"}
     assert (findings.minimum_detectable["e1"].value < LITTLE) == (verdict == "named")
@@ -55,8 +55,8 @@ def test_what_shows_little_is_named_where_its_value_is_more_than_simulators_diff
 @pytest.mark.parametrize("seed", range(4))
 def test_what_shows_little_has_no_name_of_what_takes_less_than_half_of_it(seed: int) -> None:
     problem = little(seed, 0.01, alike=0.65)
-    assert search(problem).verdict in ("named", "set")
-    assert search(NarrowedProblem(problem, ["e1"])).verdict == "no_gap"
+    assert search_effects(problem).verdict in ("named", "set")
+    assert search_effects(NarrowedProblem(problem, ["e1"])).verdict == "no_gap"
 
 
 @pytest.mark.parametrize(("closable", "names"), [(1.0, {"e1", "e2"}), (0.9, {"e1"})])
@@ -65,7 +65,7 @@ def test_no_further_effect_explains_a_part_of_what_may_be_chance(
 ) -> None:
     problem = LinearProblem(sizes("e1", 12.0) | sizes("e2", 2.0) | sizes("e5", 2.0))
     problem.candidates = tuple(replace(c, closable_share=closable) for c in problem.candidates)
-    findings = search(NarrowedProblem(problem, ["e5"]))
+    findings = search_effects(NarrowedProblem(problem, ["e5"]))
     assert {effect.name for effect in findings.effects} == names
 
 
@@ -77,7 +77,7 @@ def test_an_effect_that_alone_closes_too_little_and_leaves_a_gap_is_not_named(
 ) -> None:
     problem = LinearProblem(sizes("e1", 8.0) | sizes("e5", 3.5))
     problem.candidates = tuple(replace(c, least_closed=least) for c in problem.candidates)
-    assert search(NarrowedProblem(problem, ["e5"])).verdict == verdict
+    assert search_effects(NarrowedProblem(problem, ["e5"])).verdict == verdict
 
 
 @pytest.mark.sample(2)
@@ -90,7 +90,7 @@ def test_simulators_that_agree_leave_no_more_beside_the_effect_that_is_named(
     problem = LinearProblem(sizes("e1", 2.0) | sizes("e5", 0.85), seed=seed)
     problem.candidates = tuple(replace(c, least_closed=0.97) for c in problem.candidates)
     problem.simulator_disagreement = disagreement
-    findings = search(NarrowedProblem(problem, ["e5"]))
+    findings = search_effects(NarrowedProblem(problem, ["e5"]))
     assert (findings.verdict == "named") == (findings.remainder < disagreement * REMAINDER_RMS)
 
 
@@ -111,7 +111,7 @@ def test_what_differs_from_repeat_to_repeat_may_be_left_by_an_effect_of_chance(s
         problem.candidates = tuple(
             replace(c, leaves_chance=leaves_chance, least_closed=0.9) for c in problem.candidates
         )
-        findings = search(problem)
+        findings = search_effects(problem)
         assert findings.verdict == verdict
         assert {each.name for each in findings.effects} == ({"e1"} if leaves_chance else set())
 
@@ -128,7 +128,7 @@ def test_no_effect_of_chance_explains_what_repeats_or_chance_alone(left: str, se
     problem.candidates = tuple(
         replace(c, leaves_chance=True, least_closed=0.9) for c in problem.candidates
     )
-    assert search(NarrowedProblem(problem, ["e5"])).verdict == "unexplained"
+    assert search_effects(NarrowedProblem(problem, ["e5"])).verdict == "unexplained"
 
 
 @pytest.mark.parametrize(
@@ -139,7 +139,7 @@ def test_a_further_effect_is_larger_than_what_two_correct_simulators_differ_by(
 ) -> None:
     problem = LinearProblem(sizes("e1", 8.0) | sizes("e2", 2.5))
     problem.candidates = tuple(replace(c, resolution=resolution) for c in problem.candidates)
-    findings = search(problem)
+    findings = search_effects(problem)
     assert findings.residuals is not None
     assert findings.residuals.effects == names
 
@@ -149,7 +149,7 @@ def test_noise_that_lasts_and_is_a_little_larger_than_its_estimate_is_no_gap(lev
     for seed in range(5):
         problem = LinearProblem({}, seed=seed, colour=0.6)
         problem.measured = level * problem.measured
-        assert search(problem).verdict == "no_gap"
+        assert search_effects(problem).verdict == "no_gap"
 
 
 @pytest.mark.parametrize(
@@ -170,4 +170,4 @@ def test_a_weak_gap_shows_in_more_than_one_segment(
         shown = np.isin(problem.segment, segments) & (problem.signal < signals)
         wave = amplitude * np.sin(2.0 * np.pi * 7.0 * problem.time_s[shown])
         problem.measured[0, shown] += wave
-        assert search(problem).verdict == verdict
+        assert search_effects(problem).verdict == verdict

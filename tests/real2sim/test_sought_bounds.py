@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from saltus.effects.profile import EFFECTS
-from saltus.real2sim.problem.body.candidates import BodyClaims, candidates
+from saltus.real2sim.problem.body.candidates import BodyClaims, body_candidates
 from saltus.real2sim.problem.camera.candidates import camera_candidates
 from saltus.real2sim.problem.imu import imu_candidates
 from saltus.real2sim.problem.joints.candidates import KINDS
@@ -16,7 +16,7 @@ SLACK = 1e-9
 """Of a number that was a coordinate in between."""
 ALL = {
     "joints": KINDS,
-    "body": candidates(BodyClaims(), 0.4, 30.0),
+    "body": body_candidates(BodyClaims(), 0.4, 30.0),
     "camera": camera_candidates(0.0, 42.0, (3.0, 10.0)),
     "imu": imu_candidates(),
 }

@@ -3,12 +3,14 @@ import pytest
 from linear_problem import LinearProblem
 from one_joint import OneJoint
 
-from saltus.real2sim.search.residual_split import TEST, ResidualCells, split
+from saltus.real2sim.search.residual_split import TEST, ResidualCells, split_residuals
 
 
 def test_one_of_repeats_is_the_test_late_and_early_in_turn() -> None:
     problem = LinearProblem({})
-    parts = split(problem, problem.residuals(np.zeros((1, 2, len(problem.candidates))))[0])
+    parts = split_residuals(
+        problem, problem.residuals(np.zeros((1, 2, len(problem.candidates))))[0]
+    )
     assert sorted(set(parts.segment[parts.fold == TEST])) == [1, 2, 5]
     assert sorted(set(parts.segment[parts.fold != TEST])) == [0, 3, 4]
 
@@ -17,7 +19,7 @@ def test_amplitudes_are_each_in_fit_and_test() -> None:
     problem = OneJoint({("viscous_friction", "hip", "FR"): (0.3,)})
     residuals = np.ones((2, len(problem.time_s)))
     residuals[:, problem.segment == 1] *= 4.0  # the large chirp
-    parts = split(problem, residuals)
+    parts = split_residuals(problem, residuals)
     for segment in (0, 1):
         folds = parts.fold[parts.segment == segment]
         assert (folds == TEST).any() == (folds != TEST).any()
@@ -25,7 +27,7 @@ def test_amplitudes_are_each_in_fit_and_test() -> None:
 
 def test_every_residual_is_in_one_chunk_of_its_own_segment() -> None:
     problem = OneJoint({})
-    parts = split(problem, np.ones((2, len(problem.time_s))))
+    parts = split_residuals(problem, np.ones((2, len(problem.time_s))))
     assert np.array_equal(parts.segment[parts.chunk], problem.segment)
     for chunk in range(len(parts.fold)):
         assert np.ptp(problem.time_s[parts.chunk == chunk]) < 1.01
@@ -33,7 +35,7 @@ def test_every_residual_is_in_one_chunk_of_its_own_segment() -> None:
 
 def test_folds_are_segments_or_pieces_that_do_not_mix() -> None:
     problem = OneJoint({})
-    parts = split(problem, np.ones((2, len(problem.time_s))))
+    parts = split_residuals(problem, np.ones((2, len(problem.time_s))))
     for fold in parts.folds:
         assert len(set(parts.segment[parts.fold == fold])) == 1
 
@@ -42,7 +44,7 @@ def test_the_test_is_not_the_same_part_of_every_segment() -> None:
     problem = OneJoint({("viscous_friction", "hip", "FR"): (0.3,)})
     residuals = np.ones((2, len(problem.time_s)))
     residuals[:, problem.segment == 1] *= 4.0  # chirps of two amplitudes: each is cut
-    parts = split(problem, residuals)
+    parts = split_residuals(problem, residuals)
     held_out = []
     for segment in (0, 1):
         rows = problem.segment == segment
@@ -58,7 +60,7 @@ def test_a_piece_in_which_nothing_is_known_is_no_test() -> None:
     since = problem.time_s - problem.time_s[one].min()
     for known_s in (1.6, 2.0, 3.0, 4.0):
         residuals = np.where(one & (since < known_s), 1.0, 0.0) * np.ones((2, 1))
-        parts = split(problem, residuals)
+        parts = split_residuals(problem, residuals)
         test = one & ~parts.is_fit
         assert residuals[:, test].any()
         assert residuals[:, one & parts.is_fit].any()

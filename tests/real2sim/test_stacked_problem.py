@@ -14,8 +14,8 @@ from saltus.real2sim.search.findings import (
     SearchFindings,
     SignalGap,
 )
-from saltus.real2sim.search.search import search
-from saltus.real2sim.stacked_problem import StackedProblem, stackable
+from saltus.real2sim.search.search import search_effects
+from saltus.real2sim.stacked_problem import StackedProblem, can_stack
 from saltus.real2sim.verdict import without_ruled_out
 
 HIDDEN = {("e1", where, block): 3.0 for where, block in itertools.product(WHERES, ("FR", "FL"))}
@@ -40,10 +40,10 @@ def logs() -> tuple[LinearProblem, LinearProblem]:
 
 
 def test_two_logs_tell_what_one_cannot(logs: tuple[LinearProblem, LinearProblem]) -> None:
-    alone = search(logs[0])
+    alone = search_effects(logs[0])
     assert (alone.verdict, alone.sets) == ("set", (("e1", "e2"),))
     assert {rival.name for rival in alone.rivals} == {"e1", "e2"}
-    together = search(StackedProblem(logs, (0.0, LATER_S)))
+    together = search_effects(StackedProblem(logs, (0.0, LATER_S)))
     assert together.verdict == "named"
     assert [(effect.name, effect.where) for effect in together.effects] == [("e1", "all")]
     assert together.effects[0].params["size"].value == pytest.approx(3.0, rel=0.1)
@@ -75,9 +75,9 @@ def test_effects_are_shared_and_nuisances_are_not(
 
 
 def test_only_what_means_the_same_is_shared(logs: tuple[LinearProblem, LinearProblem]) -> None:
-    assert stackable(logs)
-    assert not stackable([logs[0], Offset(HIDDEN)])
-    assert not stackable([logs[0], LinearProblem({}, blocks=("FR",))])
+    assert can_stack(logs)
+    assert not can_stack([logs[0], Offset(HIDDEN)])
+    assert not can_stack([logs[0], LinearProblem({}, blocks=("FR",))])
 
 
 def found(name: str, **values: float) -> FoundEffect:
@@ -117,8 +117,8 @@ def test_who_has_a_gap_of_its_own_rules_nothing_out() -> None:
 
 def test_evidence_of_two_logs_decides_between_effects_that_are_alike_in_both() -> None:
     both = [LinearProblem(HIDDEN, alike=0.97, seed=seed) for seed in (0, 1)]
-    assert [search(one).verdict for one in both] == ["set", "set"]
-    together = search(StackedProblem(both, (0.0, LATER_S)))
+    assert [search_effects(one).verdict for one in both] == ["set", "set"]
+    together = search_effects(StackedProblem(both, (0.0, LATER_S)))
     assert (together.verdict, [effect.name for effect in together.effects]) == ("named", ["e1"])
     same = [LinearProblem(HIDDEN, alike=0.9999, seed=seed) for seed in (0, 1)]
-    assert search(StackedProblem(same, (0.0, LATER_S))).sets == (("e1", "e2"),)
+    assert search_effects(StackedProblem(same, (0.0, LATER_S))).sets == (("e1", "e2"),)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from saltus.real2sim.problem.stream_noise import MEAN_S, read_noise
+from saltus.real2sim.problem.stream_noise import MEAN_S, read_stream_noise
 
 SECONDS = 30.0
 
@@ -32,7 +32,7 @@ def test_noise_of_any_colour_is_read_beside_a_motion(
     time_s = np.arange(len(noise)) / rate_hz
     motion = 100.0 * np.sin(2.0 * np.pi * 1.5 * time_s)[:, None] * np.array([1.0, 0.3, 0.0])
     rows = round(MEAN_S * rate_hz)
-    sigma, correlation = read_noise(time_s, noise + motion).of_means(MEAN_S)
+    sigma, correlation = read_stream_noise(time_s, noise + motion).of_means(MEAN_S)
     means = noise[: len(noise) // rows * rows].reshape(-1, rows, 3).mean(axis=1)
     assert sigma == pytest.approx(means.std(), rel=0.3)
     assert correlation == pytest.approx(np.mean(means[1:] * means[:-1]) / means.var(), abs=0.25)
@@ -43,5 +43,5 @@ def test_what_a_few_impacts_add_is_not_noise() -> None:
     time_s = np.arange(len(noise)) / 500.0
     struck = noise.copy()
     struck[2000::3000] += 200.0
-    quiet, loud = read_noise(time_s, noise), read_noise(time_s, struck)
+    quiet, loud = read_stream_noise(time_s, noise), read_stream_noise(time_s, struck)
     assert loud.sigma == pytest.approx(quiet.sigma, rel=0.15)

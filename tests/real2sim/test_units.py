@@ -20,14 +20,14 @@ from saltus.effects.motors import TorqueGain
 from saltus.effects.profile import IDEAL
 from saltus.errors import RecordingError
 from saltus.real2sim.experiments.menu import experiment_named
-from saltus.real2sim.experiments.run import run
+from saltus.real2sim.experiments.run import run_experiment
 from saltus.real2sim.screening.base_faults import rig_faults
-from saltus.real2sim.screening.causes import cause_faults, causes
+from saltus.real2sim.screening.causes import cause_faults, torque_causes
 from saltus.real2sim.screening.channel_scales import LogFault
 from saltus.real2sim.screening.gains import gain_faults
 from saltus.real2sim.screening.gravity import feedforward_faults
 from saltus.real2sim.screening.joint_faults import unit_faults
-from saltus.real2sim.screening.screen import screen
+from saltus.real2sim.screening.screen import screen_log
 from saltus.recordings.log_units import SIGNALS, Units, in_si
 from saltus.recordings.run_log import LogTable, RunLog, read_run_log, write_run_log
 
@@ -162,7 +162,7 @@ def test_a_channel_of_the_joints_in_another_unit_is_told_by_name_and_factor(
     change, factors = HELD[channel]
     name = channel.partition(" ")[0]
     for number, factor in enumerate(factors):
-        faults = screen(change(held[number % len(held)], factor))
+        faults = screen_log(change(held[number % len(held)], factor))
         assert told(faults, name, factor), (factor, [fault.text for fault in faults])
 
 
@@ -180,7 +180,9 @@ strength."""
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", QUIET)
 def test_a_torque_that_hardly_moves_is_told_by_name_and_factor(name: str) -> None:
-    log = run(experiment_named(name), ROBOT, IDEAL.having(TorqueGain(gain=QUIET[name])), seed=11)
+    log = run_experiment(
+        experiment_named(name), ROBOT, IDEAL.having(TorqueGain(gain=QUIET[name])), seed=11
+    )
     assert not list(gain_faults(log))
     for channel in ("tau_est", "tau_ff") if np.any(log.joints.tau_ff) else ("tau_est",):
         change, factors = HELD[channel]
@@ -203,7 +205,7 @@ def test_the_factor_of_a_torque_depends_on_no_scale_and_no_noise(noise: float) -
     lines = set()
     for scale in (1e-6, 1.0, 1e6):
         drives = [
-            causes(scale * t, scale * e, np.zeros_like(e), None)
+            torque_causes(scale * t, scale * e, np.zeros_like(e), None)
             for t, e in zip(torque, seen, strict=True)
         ]
         (fault,) = cause_faults([f"joint {k}" for k in range(12)], drives, (6.33, 9.495))
@@ -220,7 +222,8 @@ def standing() -> list[RunLog]:
     names = {"squat": 0.7, "drop": 1.3}
     profiles = [IDEAL.having(TorqueGain(gain=gain)) for gain in names.values()]
     logs = [
-        run(experiment_named(n), ROBOT, p, seed=5) for n, p in zip(names, profiles, strict=True)
+        run_experiment(experiment_named(n), ROBOT, p, seed=5)
+        for n, p in zip(names, profiles, strict=True)
     ]
     return [body_log(seconds=4.0), *logs]
 
@@ -257,7 +260,7 @@ def test_quaternions_in_another_order_are_told(standing: list[RunLog], name: str
 
 def test_angles_and_their_targets_in_another_unit_are_told_by_dq_and_kp(held: list[RunLog]) -> None:
     for number, factor in enumerate((0.5, 2.0 / 3.0, 0.8, 1.25, 1.5)):
-        faults = screen(joints("q", "q_des")(held[number], factor))
+        faults = screen_log(joints("q", "q_des")(held[number], factor))
         assert told(faults, "q_des", factor), (factor, [fault.text for fault in faults])
 
 
@@ -295,14 +298,14 @@ def test_a_channel_of_body_and_camera_in_another_unit_is_told(
     for number, factor in enumerate(factors):
         whole = ("acc", "gyro", "imu: t")  # the second log has no IMU
         log = bodies[0 if channel in whole else number % 2]
-        faults = screen(change(log, factor))
+        faults = screen_log(change(log, factor))
         assert told(faults, channel, factor), (factor, [fault.text for fault in faults])
 
 
 def test_gains_in_another_unit_are_told_and_the_torque_is_not_blamed(held: list[RunLog]) -> None:
     for keys in (("kp",), ("kd",), ("kp", "kd")):
         meta = {**held[0].meta, **{key: held[0].meta[key] / DEGREE for key in keys}}
-        faults = screen(replace(held[0], meta=meta))
+        faults = screen_log(replace(held[0], meta=meta))
         assert told(faults, " and ".join(keys), DEGREE), [fault.text for fault in faults]
         assert faults[0].name == "wrong_gains"
 
@@ -317,7 +320,7 @@ def test_right_logs_are_not_accused(held: list[RunLog], bodies: list[RunLog]) ->
         ]
     ]
     for log in (*held, *quiet, *bodies):
-        assert screen(log) == []
+        assert screen_log(log) == []
 
 
 STATED: dict[str, tuple[dict[str, object], Change, float]] = {

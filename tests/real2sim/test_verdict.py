@@ -13,7 +13,13 @@ from saltus.real2sim.search.findings import (
     SearchFindings,
     SignalGap,
 )
-from saltus.real2sim.verdict import NextExperiment, ResidualGap, Verdict, effect_from_dict, merge
+from saltus.real2sim.verdict import (
+    NextExperiment,
+    ResidualGap,
+    Verdict,
+    effect_from_dict,
+    merge_findings,
+)
 
 EFFECT = FoundEffect(
     name="torque_saturation",
@@ -88,14 +94,19 @@ def test_json_has_the_keys_of_the_schema() -> None:
     ],
 )
 def test_the_least_sure_part_rules(rulings: tuple[ProblemRuling, ...], merged: str) -> None:
-    assert merge([findings(f"p{i}", ruling) for i, ruling in enumerate(rulings)]).verdict == merged
+    assert (
+        merge_findings([findings(f"p{i}", ruling) for i, ruling in enumerate(rulings)]).verdict
+        == merged
+    )
 
 
 def test_a_damaged_log_is_judged_by_nothing_else() -> None:
-    verdict = merge([findings("joints", "named", effects=(EFFECT,))], ["t runs backwards"])
+    verdict = merge_findings([findings("joints", "named", effects=(EFFECT,))], ["t runs backwards"])
     assert verdict == Verdict(verdict="bad_log", log_faults=("t runs backwards",))
 
 
 def test_the_gap_is_that_of_sensors_that_show_one() -> None:
-    verdict = merge([findings("joints", "named", effects=(EFFECT,)), findings("imu", "no_gap")])
+    verdict = merge_findings(
+        [findings("joints", "named", effects=(EFFECT,)), findings("imu", "no_gap")]
+    )
     assert verdict.gap == ResidualGap(before=5.0, after=1.5, floor=1.0)

@@ -17,7 +17,7 @@ from saltus.render.bracket import (
     Bracket,
     slotted,
 )
-from saltus.render.bracket_drawing import drawing
+from saltus.render.bracket_drawing import bracket_svg
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
 
@@ -77,4 +77,6 @@ def test_the_command_writes_both_files_and_the_page_shows_its_drawing(
     assert "51.9 mm ahead of the trunk's front and 63.0 mm above" in capsys.readouterr().out
     assert (tmp_path / "bracket.stl").stat().st_size > 5000
     made = (tmp_path / "bracket.svg").read_text(encoding="utf-8")
-    assert made == DRAWING.read_text(encoding="utf-8") == drawing(Bracket(robot=load_robot("go2")))
+    assert (
+        made == DRAWING.read_text(encoding="utf-8") == bracket_svg(Bracket(robot=load_robot("go2")))
+    )

@@ -15,7 +15,7 @@ from saltus.errors import RecordingError
 from saltus.render.fit_plot import write_fit_plot
 from saltus.render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
 from saltus.render.stereo.optics import StereoOptics
-from saltus.render.stereo_fit import FitResult, fit, load_frames
+from saltus.render.stereo_fit import FitResult, fit_stereo, load_frames
 from saltus.wire.messages import DepthFrame
 
 BAG = Path(__file__).resolve().parents[3] / "shared" / "data" / "realsense_d435_640x480.bag"
@@ -58,7 +58,7 @@ def test_hidden_noise_baseline_and_step_are_found_within_10_percent(
 ) -> None:
     optics = StereoOptics.of(D435I, baseline_m=baseline)
     config = hidden(sigma, step)
-    found = fit(
+    found = fit_stereo(
         recording(config, optics, wall_and_step(optics, wall_m, near_m, slant), 60)
     ).parameters
     assert found.baseline_m.value == pytest.approx(baseline, rel=0.1)
@@ -78,7 +78,7 @@ def test_hidden_noise_baseline_and_step_are_found_within_10_percent(
 def test_a_wider_band_is_a_margin_not_a_baseline() -> None:
     optics = StereoOptics.of(D435I)
     config = hidden(0.08, 1 / 32, search_range=replace(UNFILTERED.search_range, margin=-10.0))
-    found = fit(recording(config, optics, wall_and_step(optics), 12)).parameters
+    found = fit_stereo(recording(config, optics, wall_and_step(optics), 12)).parameters
     assert found.baseline_m.value == pytest.approx(0.05, rel=0.1)
     assert found.margin_px.value == pytest.approx(-10.0, abs=1.0)
 
@@ -87,7 +87,9 @@ def test_what_a_wall_alone_cannot_show_is_untestable() -> None:
     optics = StereoOptics(
         focal_px=D435I.fx, first_column=172.0
     )  # the middle of the sensor: no band
-    found = fit(recording(hidden(0.08, 1 / 32), optics, flat_wall(D435I, 1.5), 20)).parameters
+    found = fit_stereo(
+        recording(hidden(0.08, 1 / 32), optics, flat_wall(D435I, 1.5), 20)
+    ).parameters
     untestable = {f.name for f in fields(found) if not getattr(found, f.name).testable}
     expected = {
         "baseline_m",
@@ -108,7 +110,9 @@ def test_what_a_wall_alone_cannot_show_is_untestable() -> None:
 
 def test_near_walls_hide_the_step_behind_the_depth_unit() -> None:
     optics = StereoOptics.of(D435I)
-    found = fit(recording(hidden(0.08, 1 / 32), optics, flat_wall(D435I, 0.35), 20)).parameters
+    found = fit_stereo(
+        recording(hidden(0.08, 1 / 32), optics, flat_wall(D435I, 0.35), 20)
+    ).parameters
     assert not found.step_px.testable
     assert "depth unit" in found.step_px.note
 
@@ -123,7 +127,7 @@ def test_the_part_at_rest_is_used() -> None:
             hidden(0.08, 1 / 32), optics, wall_and_step(optics, 1.0 + 0.5 * k, 0.4 + 0.1 * k), 1
         )
     ]
-    result = fit(moving + recording(hidden(0.08, 1 / 32), optics, scene, 14))
+    result = fit_stereo(moving + recording(hidden(0.08, 1 / 32), optics, scene, 14))
     assert result.scene.frames == 14
 
 
@@ -133,7 +137,7 @@ def two_frames() -> list[DepthFrame]:
 
 
 def test_two_frames_say_so() -> None:
-    found = fit(two_frames()).parameters
+    found = fit_stereo(two_frames()).parameters
     for name in (
         "sigma_px",
         "step_px",
@@ -156,7 +160,7 @@ def test_bad_recordings_are_refused_in_one_line(tmp_path: Path) -> None:
     }
     for message, frames in cases.items():
         with pytest.raises(RecordingError, match=message) as error:
-            fit(frames)
+            fit_stereo(frames)
         assert "\n" not in str(error.value)
     with pytest.raises(RecordingError, match="neither"):
         load_frames(tmp_path / "depth.png")
@@ -167,7 +171,7 @@ def written(result: FitResult, folder: Path) -> str:
 
 
 def test_toml_is_a_camera_and_the_plot_says_what_is_untestable(tmp_path: Path) -> None:
-    result = fit(two_frames())
+    result = fit_stereo(two_frames())
     (tmp_path / "camera.toml").write_text(result.to_toml())
     camera = load_camera(str(tmp_path / "camera.toml"))
     assert camera == result.camera
@@ -191,7 +195,7 @@ def test_toml_is_a_camera_and_the_plot_says_what_is_untestable(tmp_path: Path) -
 def test_a_real_recording(tmp_path: Path) -> None:
     if not BAG.parent.is_dir():
         pytest.skip(f"no real recordings beside the checkout: {BAG.parent} is absent")
-    result = fit(load_frames(BAG))
+    result = fit_stereo(load_frames(BAG))
     found = result.parameters
     assert result.scene.frames == 2
     # Two frames: holes at edges widen shadows

@@ -17,7 +17,7 @@ from saltus.recordings import recording as recordings
 from saltus.render import calibrate
 from saltus.render.calibrate import CameraPlace
 from saltus.render.camera import ray_directions
-from saltus.render.lateness import lateness
+from saltus.render.lateness import measure_lateness
 from saltus.robots.loading import load_robot
 from saltus.robots.mount import Mount
 from saltus.rotations import quaternion_from_roll_pitch_yaw, rotation_matrix
@@ -78,7 +78,7 @@ def moving(
 @pytest.mark.parametrize("seed", range(8))
 def test_lateness_is_found_wherever_it_lies(seed: int) -> None:
     late_s = float(np.random.default_rng([seed, 1]).uniform(-0.04, 0.15))
-    found = lateness(*moving(late_s, seed), ROBOT, PLACE)
+    found = measure_lateness(*moving(late_s, seed), ROBOT, PLACE)
     assert found.late_s == pytest.approx(late_s, abs=0.003)
     assert found.half_width_90 < 0.005
 
@@ -117,12 +117,12 @@ def test_a_preflight_says_why_a_recording_tells_nothing_of_a_camera(tmp_path: Pa
 
 def test_a_robot_that_hardly_turns_tells_nothing() -> None:
     with pytest.raises(RecordingError, match="in which the trunk turns"):
-        lateness(*moving(0.05, 0, swing=0.005), ROBOT, PLACE)
+        measure_lateness(*moving(0.05, 0, swing=0.005), ROBOT, PLACE)
     frames, states = moving(0.05, 0)
     with pytest.raises(RecordingError, match="0 images"):
-        lateness([], states, ROBOT, PLACE)
+        measure_lateness([], states, ROBOT, PLACE)
     with pytest.raises(RecordingError, match="0 images"):
-        lateness(frames, [], ROBOT, PLACE)
+        measure_lateness(frames, [], ROBOT, PLACE)
     blank = [replace(frame, depth=0 * frame.depth) for frame in frames]
     with pytest.raises(RecordingError, match="0 images"):
-        lateness(blank, states, ROBOT, PLACE)
+        measure_lateness(blank, states, ROBOT, PLACE)

@@ -18,8 +18,8 @@ from saltus.render.preview import (
     EFFECTS_VIEW,
     DepthColours,
     effect_stages,
-    poses,
-    views,
+    make_viewpoints,
+    view_poses,
     write_preview,
 )
 from saltus.render.stereo.camera import StereoConfig
@@ -28,7 +28,7 @@ from saltus.render.stereo_embree import StereoEmbree
 from saltus.terrain.curriculum import make_terrain
 
 TERRAIN = make_terrain(TerrainConfig(terrain="gap", difficulty=0.3))
-VIEWS = views(ROBOT)
+VIEWS = make_viewpoints(ROBOT)
 EXAMPLE = str(Path(__file__).parents[2] / "examples" / "camera.toml")
 EFFECTS = StereoConfig().effects
 
@@ -78,7 +78,7 @@ def test_a_page_is_of_the_camera_that_is_named(name: str, tmp_path: Path) -> Non
 
 
 def test_every_effect_changes_the_picture() -> None:
-    robot = tuple(array[EFFECTS_VIEW] for array in poses(TERRAIN, VIEWS))
+    robot = tuple(array[EFFECTS_VIEW] for array in view_poses(TERRAIN, VIEWS))
     depth, hidden = StereoEmbree(
         TERRAIN, StereoOptics.of(D435I), RobotCamera.on(ROBOT, D435I)
     ).render_pair(*robot)

@@ -22,7 +22,7 @@ from saltus.render.camera import RobotCamera
 from saltus.render.stereo.camera import UNFILTERED, StereoCamera, StereoConfig
 from saltus.render.stereo.image import ARRAY_WINDOWS
 from saltus.render.stereo.matching import Background, DisparityNoise
-from saltus.render.stereo.model_view import COLUMNS, ROWS, pooled
+from saltus.render.stereo.model_view import COLUMNS, ROWS, pool_valid
 from saltus.render.stereo.optics import StereoOptics
 from saltus.render.stereo_embree import StereoEmbree
 from saltus.render.stereo_torch import KorniaWindows
@@ -70,7 +70,7 @@ def run(rows: int, columns: int, config: StereoConfig, scene: Any, frames: int) 
     images = []
     for k in range(frames):
         image, state = stereo.step(depth, hidden, np.full(depth.shape[:-2], 0.1 * k), state)
-        images.append(pooled(image.depth, rows, columns))
+        images.append(pool_valid(image.depth, rows, columns))
     return np.stack(images)
 
 
@@ -86,7 +86,7 @@ def on_stairs(camera: Intrinsics, optics: StereoOptics) -> Any:
 def test_fast_chain_has_the_statistics_of_the_native_one(config: StereoConfig) -> None:
     # Where it meets what is in range, edges are beyond 2 m: see docs
     config = replace(config, background=Background())
-    truth = pooled(np.minimum(on_stairs(*_native())[0], 100.0), NATIVE, NATIVE)
+    truth = pool_valid(np.minimum(on_stairs(*_native())[0], 100.0), NATIVE, NATIVE)
     native, fast = (
         run(*size, config, on_stairs, 4) for size in ((NATIVE, NATIVE), (ROWS, COLUMNS))
     )
@@ -156,7 +156,7 @@ def test_a_frame_of_the_native_chain_becomes_the_models_image() -> None:
     stereo = StereoCamera(StereoConfig(), optics)
     image, _ = stereo.step(depth, hidden, np.zeros(1), stereo.init((1,), np.random.default_rng(0)))
     seen = model_image(depth_in_millimetres(image.depth[0]), camera)
-    straight = model_image(depth_in_millimetres(pooled(image.depth[0], NATIVE, NATIVE)))
+    straight = model_image(depth_in_millimetres(pool_valid(image.depth[0], NATIVE, NATIVE)))
     np.testing.assert_array_equal(seen[1], straight[1])
     np.testing.assert_allclose(seen[0], straight[0], atol=1e-3)
 
@@ -179,7 +179,7 @@ def test_torch_gives_the_images_of_numpy() -> None:
         image, state = by_numpy.step(depth, hidden, time_s, state)
         tensors = (torch.from_numpy(array) for array in (depth, hidden, time_s))
         on_torch, memory = by_torch.step(*tensors, memory)
-    images, found = (pooled(each.depth, ROWS, COLUMNS) for each in (image, on_torch))
+    images, found = (pool_valid(each.depth, ROWS, COLUMNS) for each in (image, on_torch))
     assert images.shape == (count, MODEL_CAMERA.height, MODEL_CAMERA.width)
     assert 0.5 < np.mean(images > 0.0) <= 1.0
     assert np.mean(~np.isclose(found.numpy(), images, atol=2e-3)) < 2e-3

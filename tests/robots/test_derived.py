@@ -12,7 +12,7 @@ from robots.odd_robot import odd_mjcf
 from saltus.errors import ConfigError, ModelError
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
-from saltus.robots.mjcf import Derivation, derive
+from saltus.robots.mjcf import Derivation, derive_robot
 from saltus.robots.robot import LEGS, Robot
 
 THEIRS = {"FR": "fr", "FL": "fl", "RR": "hr", "RL": "hl"}
@@ -32,7 +32,7 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def derivation(path: Path) -> Derivation:
-    return derive(path)
+    return derive_robot(path)
 
 
 @pytest.fixture(scope="module")
@@ -158,7 +158,7 @@ def test_what_is_missing_or_guessed_is_named(derivation):
 @pytest.mark.parametrize("keyframe", ["", CRAWL, STAND], ids=["none", "no stand", "stand"])
 def test_the_stand_pose_comes_from_a_keyframe_or_is_a_crouch(tmp_path, keyframe):
     (tmp_path / "odd.xml").write_text(odd_mjcf(keyframe))
-    derivation = derive(tmp_path / "odd.xml")
+    derivation = derive_robot(tmp_path / "odd.xml")
     robot = derivation.robot
     feet = LegKinematics(robot).position(robot.stand_pose)
     if keyframe == STAND:
@@ -194,7 +194,7 @@ def test_the_toml_wins(tmp_path, path):
         np.testing.assert_array_equal(robot.stand_pose, [0.0, 0.8, -1.6] * 4)
         np.testing.assert_array_equal(robot.torque_limit, [30.0, 30.0, 40.0] * 4)
         np.testing.assert_array_equal(robot.trunk_center, [0.1, 0.0, 0.0])
-    derivation = derive(path, toml)
+    derivation = derive_robot(path, toml)
     assert _origin(derivation, "torque_limit") == "toml "
     assert _origin(derivation, "gains").startswith("toml stand_kp guessed stand_kd")
 

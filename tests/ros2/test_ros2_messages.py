@@ -27,7 +27,7 @@ from saltus.ros2.outgoing import HEIGHTS, EstimatedWay, RosExporter
 from saltus.ros2.outgoing import ROBOT as OF_ROBOT
 from saltus.ros2.wall_clock import WallClock
 from saltus.rotations import rotation_matrix
-from saltus.wire.cdr import header
+from saltus.wire.cdr import make_ros_header
 
 USED = {
     *TYPES.values(),
@@ -67,7 +67,7 @@ def imu_of(state: Any, *, attitude: bool = True) -> Any:
     covariance[0] = 0.0 if attitude else -1.0
     turned = state.quaternion_base_in_world if attitude else np.array([1.0, 0.0, 0.0, 0.0])
     return ros.make(
-        "sensor_msgs/msg/Imu", header=header(state.time_ns, "imu"),
+        "sensor_msgs/msg/Imu", header=make_ros_header(state.time_ns, "imu"),
         orientation=ros.quaternion(turned),
         orientation_covariance=covariance, angular_velocity=ros.vector(state.angular_velocity_base),
         angular_velocity_covariance=np.zeros(9),

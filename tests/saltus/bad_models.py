@@ -2,9 +2,9 @@
 
 from bad_runs import HUGE
 
-from saltus.resources import resource
+from saltus.resources import shipped_file
 
-POLICY = resource("models/checkpoints/policy.pt")
+POLICY = shipped_file("models/checkpoints/policy.pt")
 OF_MODELS = {
     # models and trainings
     "policy eval --trials 0": "from 1 to 100000",

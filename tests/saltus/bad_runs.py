@@ -1,8 +1,8 @@
 """Bad inputs to the command line itself, to runs, recordings and robots."""
 
-from saltus.resources import resource
+from saltus.resources import shipped_file
 
-MODEL = resource("models/heightmap.onnx")
+MODEL = shipped_file("models/heightmap.onnx")
 HUGE = "99999999999999999999999"
 OF_RUNS = {
     # the command line itself

@@ -196,7 +196,7 @@ def test_what_zenoh_keeps_is_dated_when_it_came(endpoint: str) -> None:
         assert all(c >= p - rounding_ns for c, p in zip(came_ns, put_ns, strict=True))
         assert came_ns[-1] <= time.monotonic_ns()
         publisher.put(done(30))
-        until(lambda: any(codec.decode(Done, s.payload).step == 30 for s in plain.drain()))
+        until(lambda: any(codec.decode_message(Done, s.payload).step == 30 for s in plain.drain()))
         stream.end()
         assert len(stream.drain()) <= 1
         assert stream.drain() == []
@@ -256,7 +256,7 @@ class Wire:
         )
         self.bus.hub.inject(
             KEY,
-            codec.encode(message) if payload is None else payload,
+            codec.encode_message(message) if payload is None else payload,
             capture.to_bytes() if attachment is None else attachment,
         )
 
@@ -295,7 +295,7 @@ def test_a_new_process_takes_over_and_the_old_one_is_heard_no_more() -> None:
 def test_malformed_messages_are_counted_and_do_not_hide_a_good_one() -> None:
     wire = Wire()
     wire.send(1, Envelope(1, 0, OLD))
-    good = codec.encode(done(2))
+    good = codec.encode_message(done(2))
     wire.send(2, Envelope(2, 0, OLD), payload=b"")
     wire.send(2, Envelope(2, 0, OLD), payload=good[:-1])
     wire.send(2, Envelope(2, 0, OLD), payload=bytes(codec.PAYLOAD_MAX + 1))

@@ -17,7 +17,7 @@ from bus_ends import PREFIX, RUN, TIMEOUT_S, done, until
 from samples import message_of
 
 from saltus.errors import StackError
-from saltus.resources import resource
+from saltus.resources import shipped_file
 from saltus.wire import codec
 from saltus.wire.joining import LOCAL, write_client
 from saltus.wire.messages import DepthFrame, Done, Event
@@ -90,7 +90,7 @@ def test_links_of_a_slowed_run_last_as_long_in_its_clock(tmp_path: Path) -> None
 @pytest.mark.parametrize("name", ["router", "peer", "client"])
 def test_configurations_are_closed(name: str) -> None:
     """Zenoh refuses unknown keys when it loads a file."""
-    settings = zenoh.Config.from_file(str(resource(f"zenoh_cfg/{name}.json5")))
+    settings = zenoh.Config.from_file(str(shipped_file(f"zenoh_cfg/{name}.json5")))
     assert settings.get_json("scouting/multicast/enabled") == "false"
     assert settings.get_json("scouting/gossip/enabled") == (
         "true" if name in ("router", "peer") else "false"
@@ -125,7 +125,8 @@ def test_peers_and_clients_hear_everything_once(endpoint: str) -> None:
         def all_heard(step: int) -> bool:
             for stream, samples in zip(streams, heard, strict=True):
                 samples.extend(
-                    (raw.key, codec.decode(Done, raw.payload).step) for raw in stream.drain()
+                    (raw.key, codec.decode_message(Done, raw.payload).step)
+                    for raw in stream.drain()
                 )
             return all(
                 (f"done/{i}", step) in samples for samples in heard for i in range(len(buses))

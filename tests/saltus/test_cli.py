@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from saltus.cli.main import COMMANDS, command_of, main
-from saltus.cli.output import finite
+from saltus.cli.output import without_infinities
 from saltus.cli.parsing import BAD_INPUT
 from saltus.config import RunConfig
 from saltus.errors import SaltusError
@@ -66,7 +66,9 @@ def test_a_flag_stays_on_where_defaults_are_read_from_what_goes_on(words: str) -
 
 
 def test_json_has_no_infinities() -> None:
-    table = finite({"a": float("inf"), "b": [float("nan"), 1.0], "c": {"d": (2.0, float("-inf"))}})
+    table = without_infinities(
+        {"a": float("inf"), "b": [float("nan"), 1.0], "c": {"d": (2.0, float("-inf"))}}
+    )
     assert json.loads(json.dumps(table, allow_nan=False)) == {
         "a": None,
         "b": [None, 1.0],

@@ -9,7 +9,7 @@ from saltus.config import TerrainConfig
 from saltus.terrain.boxes import Box
 from saltus.terrain.clutter import BOXES, DROP_M, EDGE_X, FROM_X, LEAN_RAD, LEDGE_M, LEDGES
 from saltus.terrain.curriculum import make_terrain
-from saltus.terrain.terrain import WIDTH, Terrain, checked
+from saltus.terrain.terrain import WIDTH, Terrain, check_terrain
 
 
 @pytest.mark.sample(1)
@@ -21,7 +21,7 @@ def test_robots_start_clear_of_what_stands_about(difficulty: float) -> None:
         for i in range(80)
     ]
     for terrain, other in pairwise(drawn):
-        assert checked(terrain, "clutter").boxes != other.boxes
+        assert check_terrain(terrain, "clutter").boxes != other.boxes
         x, y = np.meshgrid(np.linspace(-1.5, terrain.finish_x, 300), np.linspace(-1.0, 1.0, 21))
         height = np.asarray(terrain.height_at(x.ravel(), y.ravel()))
         ground, *lower = ground_of(terrain)

@@ -18,7 +18,7 @@ from recorded import STEPS, payloads, run_samples, write
 
 from saltus.errors import RecordingError
 from saltus.recordings.recording import Recording, read_recording
-from saltus.recordings.repair import repair
+from saltus.recordings.repair import repair_recording
 
 # Magic, head of the record, its two texts
 HEADER_BYTES = 8 + 9 + 4 + len("ros2") + 4 + len("saltus")
@@ -70,7 +70,7 @@ def test_a_file_cut_off_at_any_byte_has_every_message_before_the_cut(
         with pytest.raises(RecordingError, match="not a recording"):
             read_recording(path)
         return
-    recording = repair(path, out)
+    recording = repair_recording(path, out)
     assert not recording.complete
     assert recording.lost
     before = in_order(out)
@@ -92,7 +92,7 @@ def test_of_a_chunk_that_was_cut_all_is_read_but_the_last_block(tmp_path: Path) 
     sizes = np.cumsum([len(payload) for _, _, payload in full[:count]])
     assert sizes[-1] > 1.5 * BLOCK_BYTES
     path.write_bytes(data[: end - 1])
-    repair(path, tmp_path / "repaired.mcap")
+    repair_recording(path, tmp_path / "repaired.mcap")
     assert len(in_order(tmp_path / "repaired.mcap")) >= np.searchsorted(
         sizes, sizes[-1] - BLOCK_BYTES
     )
@@ -103,14 +103,14 @@ def test_repairing_keeps_what_is_there_and_other_files(whole: Recording, tmp_pat
     cut.write_bytes(whole.path.read_bytes()[:-9])
     out.write_text("kept")
     with pytest.raises(RecordingError, match="is there already"):
-        repair(cut, out)
-    assert repair(whole.path, tmp_path / "new.mcap").complete
+        repair_recording(cut, out)
+    assert repair_recording(whole.path, tmp_path / "new.mcap").complete
     foreign = tmp_path / "foreign.mcap"
     with foreign.open("wb") as file:
         writer = Writer(file)
         writer.start()
     with pytest.raises(RecordingError, match="not a recording of Saltus"):
-        repair(foreign, tmp_path / "new.mcap")
+        repair_recording(foreign, tmp_path / "new.mcap")
     assert out.read_text() == "kept"
     assert {path.name for path in tmp_path.iterdir()} == {"cut.mcap", "out.mcap", "foreign.mcap"}
 

@@ -11,7 +11,7 @@ from samples import PROFILE, ROBOT, level_truth
 
 from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, Intrinsics, depth_in_millimetres, model_image
-from saltus.depth_camera import SHIPPED, DepthCamera, load_camera, recorded
+from saltus.depth_camera import SHIPPED, DepthCamera, load_camera, recorded_camera
 from saltus.effects.camera import CameraChain
 from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.profile import IDEAL, Profile
@@ -47,7 +47,7 @@ TERRAIN = make_terrain(TerrainConfig(terrain="stairs", rise_m=0.1))
 @pytest.mark.parametrize("camera", CAMERAS, ids=lambda camera: camera.name)
 def test_a_camera_reads_back_equal_from_its_toml_and_from_a_record(camera: DepthCamera) -> None:
     assert DepthCamera.from_toml(camera.to_toml()) == camera
-    assert recorded(camera.record) == camera
+    assert recorded_camera(camera.record) == camera
     assert isinstance(camera.record, str) == (camera.name in SHIPPED)
 
 

@@ -19,7 +19,7 @@ from saltus.drive import gamepad
 from saltus.drive.__main__ import AFTER_S, Driver, body, by_goals, by_script
 from saltus.drive.gamepad import GamepadWish
 from saltus.drive.goals import REACHED_M, Goals
-from saltus.drive.keyboard import MODES, MOST, STEP, VELOCITIES, pressed, unbuffered
+from saltus.drive.keyboard import MODES, MOST, STEP, VELOCITIES, pressed, unbuffered_keys
 from saltus.drive.script import WishScript
 from saltus.drive.wish import STAND, Wish
 from saltus.errors import ConfigError
@@ -185,7 +185,7 @@ def test_each_key_changes_its_velocity_alone_and_others_the_mode() -> None:
 def test_keys_count_as_they_are_pressed_and_the_terminal_is_left_as_it_was() -> None:
     hand, terminal = os.openpty()
     before = termios.tcgetattr(terminal)
-    with unbuffered(terminal) as keys:
+    with unbuffered_keys(terminal) as keys:
         assert keys.wish() == STAND
         os.write(hand, b"ww")
         assert keys.wish().ahead_mps == pytest.approx(2 * STEP)

@@ -16,7 +16,7 @@ from saltus.effects.heightmap_shift import HeightmapShift
 from saltus.effects.image_delivery import CameraLatency, FrameDrop, SampleAndHold
 from saltus.effects.motors import ActuatorLag, TorqueGain, TorqueSaturation, TorqueSpeedLimit
 from saltus.effects.profile import IDEAL, Profile, load_profile
-from saltus.effects.random_fields import draw_keys, uniform
+from saltus.effects.random_fields import draw_keys, uniform_numbers
 from saltus.effects.signals import DepthImage, DriveTorque, HeightQuery
 from saltus.errors import ConfigError
 from saltus.joint_command import JointCommand
@@ -234,7 +234,7 @@ def test_drops_are_as_many_as_said() -> None:
 
 def test_draws_are_uniform_and_independent() -> None:
     keys = draw_keys((200,), np.random.default_rng(0))
-    draws = np.stack([uniform(keys, np.full(200, 0.02 * k)) for k in range(200)])
+    draws = np.stack([uniform_numbers(keys, np.full(200, 0.02 * k)) for k in range(200)])
     counts = np.histogram(draws, bins=20, range=(0.0, 1.0))[0]
     assert (counts.sum(), draws.min() >= 0.0, draws.max() < 1.0) == (40_000, True, True)
     # chi-squared, 19 degrees of freedom, one in a thousand

@@ -9,7 +9,7 @@ import time
 
 import psutil
 
-from saltus.resources import resource
+from saltus.resources import shipped_file
 from saltus.wire.messages import Done
 from saltus.wire.router import open_router
 from saltus.wire.zenoh_bus import ZenohBus
@@ -27,7 +27,7 @@ with zenoh.open(settings) as session:
 
 def test_it_is_dropped_and_the_stream_beside_it_goes_on() -> None:
     endpoint, router = open_router()
-    settings = str(resource("zenoh_cfg/client.json5"))
+    settings = str(shipped_file("zenoh_cfg/client.json5"))
     with ZenohBus(endpoint, "robot/0") as sender, ZenohBus(endpoint, "robot/0") as receiver:
         publisher, latest = sender.publisher("done", "render"), receiver.latest("done", "render")
         ended = threading.Event()

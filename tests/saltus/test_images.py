@@ -7,7 +7,7 @@ import pytest
 
 from saltus.depth import NOTHING
 from saltus.errors import MessageError
-from saltus.recordings.ros_images import millimetres, pixels_of
+from saltus.recordings.ros_images import pixels_in_millimetres, pixels_of
 
 
 @pytest.mark.parametrize(
@@ -24,12 +24,14 @@ from saltus.recordings.ros_images import millimetres, pixels_of
 def test_depth_of_a_bag_in_any_stated_unit_becomes_millimetres(
     encoding: str, steps: list[float], unit_m: float | None, expected_mm: list[int]
 ) -> None:
-    assert millimetres(pixels_of(image_message(encoding, steps)), unit_m).tolist() == [expected_mm]
+    assert pixels_in_millimetres(pixels_of(image_message(encoding, steps)), unit_m).tolist() == [
+        expected_mm
+    ]
 
 
 def test_images_of_32_bit_in_millimetres_are_refused_with_the_cure() -> None:
     with pytest.raises(MessageError, match=r"too far in metres; depth_unit_m = 0\.001 takes them"):
-        millimetres(pixels_of(image_message("32FC1", [0.0, 300.0, 2500.0])))
+        pixels_in_millimetres(pixels_of(image_message("32FC1", [0.0, 300.0, 2500.0])))
 
 
 def image_message(encoding: str, steps: list[float]) -> SimpleNamespace:

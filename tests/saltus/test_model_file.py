@@ -9,7 +9,7 @@ import pytest
 
 from saltus.errors import ModelError
 from saltus.model_file import ModelFile, checksum_path, put_model
-from saltus.resources import resource
+from saltus.resources import shipped_file
 
 SHIPPED = (
     "models/heightmap.onnx",
@@ -25,7 +25,7 @@ FLIPS = 40
 @pytest.fixture
 def model(tmp_path: Path) -> Path:
     """The smaller of the shipped models, with its checksum, in a folder of its own."""
-    source = resource("models/policy.onnx")
+    source = shipped_file("models/policy.onnx")
     shutil.copy(source, tmp_path)
     shutil.copy(checksum_path(source), tmp_path)
     return tmp_path / source.name
@@ -33,7 +33,7 @@ def model(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_models_have_checksums_and_are_what_these_say(name: str) -> None:
-    path = resource(name)
+    path = shipped_file(name)
     digest, listed = checksum_path(path).read_text().split()
     assert listed == path.name
     assert digest == hashlib.sha256(path.read_bytes()).hexdigest()
@@ -70,9 +70,9 @@ def test_a_checksum_that_cannot_be_read_refuses_the_model(model: Path) -> None:
 
 def test_a_model_is_put_in_its_place_with_its_own_checksum(model: Path) -> None:
     other = model.with_name(".new")
-    shutil.copy(resource("models/heightmap.onnx"), other)
+    shutil.copy(shipped_file("models/heightmap.onnx"), other)
     put_model(other, model)
-    assert ModelFile(model).model_id == ModelFile(resource("models/heightmap.onnx")).model_id
+    assert ModelFile(model).model_id == ModelFile(shipped_file("models/heightmap.onnx")).model_id
     assert sorted(path.name for path in model.parent.iterdir()) == [
         "policy.onnx",
         "policy.onnx.sha256",

@@ -29,9 +29,9 @@ from saltus.effects.image_delivery import CameraLatency
 from saltus.effects.profile import Profile
 from saltus.errors import SaltusError
 from saltus.policy.evaluation.trial_trace import TrialTrace
-from saltus.provenance import commit
+from saltus.provenance import current_commit
 from saltus.real2sim.experiments.menu import experiment_named
-from saltus.real2sim.experiments.run import run
+from saltus.real2sim.experiments.run import run_experiment
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
 from saltus.terrain.curriculum import make_terrain
@@ -162,7 +162,7 @@ def config_file(policy: Path) -> dict[str, Any]:
 
 def test_the_lag_of_heights_is_the_latency_that_was_hidden() -> None:
     robot, latency = load_robot(DEFAULT_ROBOT), 0.09
-    log = run(
+    log = run_experiment(
         experiment_named("heave_sine"), robot, Profile(camera=(CameraLatency(latency=latency),))
     )
     joints_s, by_joints = sysid._height_by_joints(log, robot)
@@ -336,7 +336,7 @@ def test_an_ablation_is_measured_beside_the_full_system(
                 "steps": 1.5,
                 "steps_of_each_seed": [1.5] * seeds,
                 "trial_seeds": [FIRST_SEED, FIRST_SEED + 1],
-                "commits": [commit()] * seeds,
+                "commits": [current_commit()] * seeds,
             }
     assert [setting.feedback for setting in asked] == [True] * 4 + [False] * 2
     assert sum(setting.profile == stand_in() for setting in asked) == 3

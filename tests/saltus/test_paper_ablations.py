@@ -19,7 +19,7 @@ from paper.stand_in import STAND_IN_SEED, stand_in
 from paper.training import ABLATIONS, FULL, PUBLISHED, config_of
 from saltus.effects.profile import SHIPPED, load_profile
 from saltus.errors import SaltusError
-from saltus.folders import differences
+from saltus.folders import setting_differences
 from saltus.heightmap.data.delivery import TRAINING
 from saltus.heightmap.data.randomisation import PITCH_ERROR, POSITION_ERROR_M
 from saltus.policy.env.settings import for_gpu
@@ -49,7 +49,7 @@ def test_an_ablation_differs_from_the_full_system_in_what_it_is_named_after(tmp_
     full = asdict(configs[FULL])
     assert configs[FULL] == replace(for_gpu("go1", "line"), seed=3)
     found = {
-        name: {d.name for d in differences(full, asdict(config))}
+        name: {d.name for d in setting_differences(full, asdict(config))}
         for name, config in configs.items()
     }
     assert found == {

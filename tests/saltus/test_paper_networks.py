@@ -24,8 +24,8 @@ from saltus.heightmap.training.train import load_checkpoint
 from saltus.loop.planner import observe
 from saltus.policy.bounds import ACTIONS, plan_from_values
 from saltus.policy.env.settings import JumpTrainSettings
-from saltus.policy.policy_features import PROPRIOCEPTION_SIZE, features
-from saltus.resources import resource
+from saltus.policy.policy_features import PROPRIOCEPTION_SIZE, policy_features
+from saltus.resources import shipped_file
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
@@ -50,7 +50,7 @@ def taught(tmp_path: Path) -> Path:
 def with_policy(folder: Path) -> Path:
     teacher = folder / FULL / "seed-4"
     teacher.mkdir(parents=True)
-    shutil.copyfile(resource("models/policy.onnx"), teacher / "policy.onnx")
+    shutil.copyfile(shipped_file("models/policy.onnx"), teacher / "policy.onnx")
     return folder
 
 
@@ -129,7 +129,7 @@ def test_an_imitator_that_is_told_what_to_plan_plans_as_the_policy_does(tmp_path
     network = ImitationNetwork(
         write_imitator(model, config, tmp_path / "imitator.onnx", 0, "c0ffee")
     )
-    state = features(observation, heights)[None, :PROPRIOCEPTION_SIZE]
+    state = policy_features(observation, heights)[None, :PROPRIOCEPTION_SIZE]
     hidden = np.zeros((1, network.hidden_size), np.float32)
     tick = network.tick(np.zeros((1, 2, 48, 16)), np.zeros(1), np.zeros(1, np.bool_), state, hidden)
     assert tick.height.shape == (1, len(HEIGHTMAP_X))

@@ -13,7 +13,7 @@ from saltus.heightmap.level_robot import LevelRobot
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.replay import replay_frames
 from saltus.recordings.realsense import read_realsense
-from saltus.resources import resource
+from saltus.resources import shipped_file
 from saltus.wire.messages import DepthFrame, HeightmapStatus
 
 RECORDINGS = Path(__file__).resolve().parents[3] / "shared" / "data"
@@ -60,7 +60,7 @@ def test_the_crop_is_that_of_the_models_camera(frames: list[DepthFrame]) -> None
 
 
 def test_two_frames_without_a_robot_keep_warming(frames: list[DepthFrame]) -> None:
-    network = HeightmapNetwork(ROBOT, resource("models/heightmap.onnx"))
+    network = HeightmapNetwork(ROBOT, shipped_file("models/heightmap.onnx"))
     answers = replay_frames(network, frames, LevelRobot(base_height_m=0.3))
     assert [h.status for h in answers] == [HeightmapStatus.WARMING] * 2
     assert [h.frame_id for h in answers] == [0, 1]

@@ -39,8 +39,8 @@ from saltus.recordings import indexed_writer, recorder
 from saltus.recordings.indexed_writer import IndexedWriter
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import Recording, read_recording
-from saltus.recordings.summary import sentence, summarise
-from saltus.recordings.timing import digest, rates_and_ages
+from saltus.recordings.summary import run_sentence, summarise_run
+from saltus.recordings.timing import rates_and_ages, run_digest
 from saltus.wire import cdr, codec, messages
 from saltus.wire.bus import RawSample
 from saltus.wire.codec import Envelope
@@ -100,9 +100,9 @@ def test_fields_of_another_version_are_refused_by_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """`half_width_90` was called `std` once, and meant something else in the same place."""
-    definition_of = cdr.definition_of
+    definition_of = cdr.ros2msg_definition
     monkeypatch.setattr(
-        cdr, "definition_of", lambda name: definition_of(name).replace("half_width_90", "std")
+        cdr, "ros2msg_definition", lambda name: definition_of(name).replace("half_width_90", "std")
     )
     older = write(tmp_path / "older.mcap", list(run_samples(3)))
     monkeypatch.undo()
@@ -240,13 +240,13 @@ def test_malformed_samples_are_counted_not_recorded(tmp_path: Path) -> None:
 
 def test_the_digest_is_that_of_the_run_not_of_the_file(whole: Recording, tmp_path: Path) -> None:
     samples = list(run_samples())
-    expected = digest(whole)
+    expected = run_digest(whole)
     later = [replace(s, arrival_ns=s.arrival_ns + 10**9) for s in samples]
-    assert digest(write(tmp_path / "later.mcap", later)) == expected
+    assert run_digest(write(tmp_path / "later.mcap", later)) == expected
     reordered = sorted(samples, key=lambda s: s.key)
-    assert digest(write(tmp_path / "reordered.mcap", reordered)) == expected
+    assert run_digest(write(tmp_path / "reordered.mcap", reordered)) == expected
     shorter = [s for s in samples if not s.key.startswith("camera")]
-    assert digest(write(tmp_path / "shorter.mcap", shorter)) == expected
+    assert run_digest(write(tmp_path / "shorter.mcap", shorter)) == expected
 
 
 @pytest.mark.parametrize("topic", ["heightmap/heightmap", "policy/plan", "controller/state"])
@@ -258,11 +258,13 @@ def test_the_digest_sees_every_bit_and_every_gap(
     payload = bytearray(samples[index].payload)
     payload[16] ^= 1  # the lowest bit of the step, or of the header's frame
     kind = TOPICS[topic].message
-    changed = codec.encode(replace(codec.decode(kind, samples[index].payload), step=12345))  # type: ignore[call-arg]
+    changed = codec.encode_message(
+        replace(codec.decode_message(kind, samples[index].payload), step=12345)
+    )  # type: ignore[call-arg]
     altered = [*samples[:index], replace(samples[index], payload=changed), *samples[index + 1 :]]
-    assert digest(write(tmp_path / "altered.mcap", altered)) != digest(whole)
+    assert run_digest(write(tmp_path / "altered.mcap", altered)) != run_digest(whole)
     with pytest.raises(RecordingError, match=f"{topic} {STEPS // 2 + 1} is missing"):
-        digest(write(tmp_path / "gap.mcap", [*samples[:index], *samples[index + 1 :]]))
+        run_digest(write(tmp_path / "gap.mcap", [*samples[:index], *samples[index + 1 :]]))
 
 
 def asked_again(samples: Iterable[RawSample], seed: int) -> Iterator[RawSample]:
@@ -289,13 +291,13 @@ def test_a_recording_holds_each_message_once_however_often_a_step_was_asked(
     assert len(samples) > 1.5 * len(list(run_samples()))
     assert payloads(recording) == payloads(whole)
     assert recording.topics() == whole.topics()
-    assert digest(recording) == digest(whole)
+    assert run_digest(recording) == run_digest(whole)
     assert all(timing.lost == 0 for timing in rates_and_ages(recording).values())
     plans = [s for s in samples if s.key == "policy/plan"]
-    lost = [s for s in plans if codec.decode(messages.MotionPlan, s.payload).step == 7]
+    lost = [s for s in plans if codec.decode_message(messages.MotionPlan, s.payload).step == 7]
     gone = [s for s in samples if s not in lost]
     with pytest.raises(RecordingError, match="policy/plan 8 is missing"):
-        digest(write(tmp_path / "lost.mcap", gone))
+        run_digest(write(tmp_path / "lost.mcap", gone))
 
 
 def test_in_real_time_all_is_recorded_that_is_sent(tmp_path: Path) -> None:
@@ -331,7 +333,7 @@ def test_losses_are_counted_from_the_sequence(tmp_path: Path) -> None:
     recording = write(tmp_path / "recording.mcap", samples)
     timing = rates_and_ages(recording)["policy/plan"]
     assert 0 < timing.lost <= sent - timing.count
-    assert f"; the recording lacks {timing.lost} messages" in sentence(summarise(recording))
+    assert f"; the recording lacks {timing.lost} messages" in run_sentence(summarise_run(recording))
 
 
 def test_signals_tear_no_message_of_a_recording(tmp_path: Path) -> None:

@@ -16,7 +16,14 @@ from recorded import STEPS, raw, run_samples, write
 from saltus.cli.main import main
 from saltus.errors import RecordingError
 from saltus.recordings.recording import Recording
-from saltus.recordings.run_claims import CAMERA, CAMERA_OPTIONAL, GAINS, GROUND, OPTIONAL, segments
+from saltus.recordings.run_claims import (
+    CAMERA,
+    CAMERA_OPTIONAL,
+    GAINS,
+    GROUND,
+    OPTIONAL,
+    claimed_segments,
+)
 from saltus.recordings.run_log import (
     BASE_COLUMNS,
     DEPTH_ARRAYS,
@@ -100,7 +107,9 @@ def test_rows_of_a_run_in_real_time_follow_each_other(tmp_path: Path) -> None:
         raw(s.key, replace(m, time_ns=m.time_ns - 3_000_000 * (m.step % 3)), k)
         for k, s in enumerate(run_samples())
         if isinstance(
-            m := codec.decode(JointLog, s.payload) if s.key == "controller/joints" else None,
+            m := codec.decode_message(JointLog, s.payload)
+            if s.key == "controller/joints"
+            else None,
             JointLog,
         )
     ]
@@ -226,21 +235,21 @@ def test_what_was_written_reads_back_to_the_bit(directory: Path, tmp_path: Path)
 def test_segments_stand_beside_or_within_the_excitation(outer: bool) -> None:
     named = [{"name": "a", "t0": 0, "t1": 1.5, "condition": "slow"}]
     assert (
-        segments(
+        claimed_segments(
             {"segments": named, "excitation": "text"}
             if outer
             else {"excitation": {"segments": named}}
         )
         == named
     )
-    assert segments({"excitation": "text"}) == []
+    assert claimed_segments({"excitation": "text"}) == []
     for wrong in (
         {"name": "a", "t0": 0, "t1": 1},
         {**named[0], "t1": -1.0},
         {**named[0], "t0": "0"},
     ):
         with pytest.raises(RecordingError, match="segment"):
-            segments({"segments": [wrong]})
+            claimed_segments({"segments": [wrong]})
 
 
 def test_a_clock_that_runs_backwards_is_read_as_it_is(directory: Path) -> None:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from saltus.grid import LINE, SCAN, HeightGrid
-from saltus.loop.shadows import DOUBT_M, FALL_M, LEAD_M, LEVEL_M, RISES_M, deepened
+from saltus.loop.shadows import DOUBT_M, FALL_M, LEAD_M, LEVEL_M, RISES_M, deepen_shadows
 from saltus.terrain.terrain import TRENCH_DEPTH
 
 X = np.array(LINE.x)
@@ -34,7 +34,7 @@ def course(depth: float, begin: float, length: float, far: float) -> tuple[np.nd
 def test_no_point_rises_and_intervals_still_reach_as_high(
     height: np.ndarray, half_width: np.ndarray
 ) -> None:
-    told, wide = deepened(height, half_width, LINE)
+    told, wide = deepen_shadows(height, half_width, LINE)
     assert (told <= height).all()
     np.testing.assert_allclose(told + wide, height + half_width)
     sure = half_width <= DOUBT_M
@@ -45,7 +45,7 @@ def test_no_point_rises_and_intervals_still_reach_as_high(
 @given(height=heights)
 @settings(max_examples=50, deadline=None)
 def test_sure_ground_is_told_as_it_is(height: np.ndarray) -> None:
-    told, wide = deepened(height, np.full(LINE.size, SURE), LINE)
+    told, wide = deepen_shadows(height, np.full(LINE.size, SURE), LINE)
     np.testing.assert_array_equal(told, height)
     np.testing.assert_array_equal(wide, SURE)
 
@@ -61,7 +61,7 @@ def test_a_trench_whose_ground_nobody_saw_is_as_deep_as_those_of_trainings(
     depth: float, begin: float, length: float, up: float
 ) -> None:
     height, half_width = course(depth, begin, length, up)
-    told, _ = deepened(height, half_width, LINE)
+    told, _ = deepen_shadows(height, half_width, LINE)
     inside = half_width == DOUBTFUL
     fallen = inside & (height < BASE_M - FALL_M)
     assert fallen.any()
@@ -82,7 +82,7 @@ def test_a_dip_before_the_next_tread_of_stairs_that_lead_up_is_told_as_it_is(
     depth: float, begin: float, length: float, rise: float
 ) -> None:
     height, half_width = course(depth, begin, length, rise)
-    np.testing.assert_array_equal(deepened(height, half_width, LINE)[0], height)
+    np.testing.assert_array_equal(deepen_shadows(height, half_width, LINE)[0], height)
 
 
 @given(begin=st.floats(-0.3, 0.2), length=lengths, down=st.floats(0.08, 0.5))
@@ -92,7 +92,7 @@ def test_steps_down_are_as_deep_as_the_ground_that_is_seen_below(
 ) -> None:
     assert down > LEVEL_M
     height, half_width = course(down, begin, length, -down)
-    told, _ = deepened(height, half_width, LINE)
+    told, _ = deepen_shadows(height, half_width, LINE)
     fallen = (half_width == DOUBTFUL) & (height < BASE_M - FALL_M)
     np.testing.assert_allclose(told[fallen], BASE_M - down)
 
@@ -101,7 +101,7 @@ def test_steps_down_are_as_deep_as_the_ground_that_is_seen_below(
 @settings(max_examples=50, deadline=None)
 def test_ground_that_leads_up_is_told_as_it_is(begin: float, length: float, rise: float) -> None:
     height, half_width = course(-rise, begin, length, rise)
-    np.testing.assert_array_equal(deepened(height, half_width, LINE)[0], height)
+    np.testing.assert_array_equal(deepen_shadows(height, half_width, LINE)[0], height)
 
 
 @pytest.mark.parametrize("grid", [SCAN, HeightGrid(x=LINE.x, y=(-0.2, 0.0, 0.3))])
@@ -109,8 +109,10 @@ def test_columns_of_a_grid_know_nothing_of_each_other(grid: HeightGrid) -> None:
     rng = np.random.default_rng(0)
     for _ in range(20):
         height, half_width = rng.uniform(-0.6, 0.2, grid.size), rng.uniform(0.005, 0.06, grid.size)
-        told, wide = (part.reshape(grid.shape) for part in deepened(height, half_width, grid))
+        told, wide = (part.reshape(grid.shape) for part in deepen_shadows(height, half_width, grid))
         for column in range(len(grid.y)):
             line = HeightGrid(x=grid.x)
             one = (part.reshape(grid.shape)[:, column] for part in (height, half_width))
-            np.testing.assert_array_equal((told[:, column], wide[:, column]), deepened(*one, line))
+            np.testing.assert_array_equal(
+                (told[:, column], wide[:, column]), deepen_shadows(*one, line)
+            )

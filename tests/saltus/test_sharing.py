@@ -17,7 +17,7 @@ from saltus.wire.bus import RawSample, sender_of
 from saltus.wire.messages import Done
 from saltus.wire.roles import PROCESSES, keys
 from saltus.wire.router import open_router
-from saltus.wire.sharing import Sharer, unpacked
+from saltus.wire.sharing import Sharer, unpack_samples
 from saltus.wire.zenoh_bus import ZenohBus
 
 # Nothing is lost on its links, however busy the computer: senders wait
@@ -71,7 +71,7 @@ def test_what_is_handed_on_is_what_came_in_and_no_batch_is_too_large(seed: int) 
     sharer.take([])  # it learns that somebody looks on
     due(sharer).take(given_)
     assert all(len(batch) < codec.PAYLOAD_MAX + 100_000 for batch in sent)
-    got = [each for batch in sent for each in unpacked(batch)]
+    got = [each for batch in sent for each in unpack_samples(batch)]
     assert [(g.key, g.payload, g.attachment) for g in got] == [
         (s.key, s.payload, s.attachment) for s in given_
     ]
@@ -96,7 +96,7 @@ def test_while_nobody_looks_on_nothing_is_sent_or_kept() -> None:
     there[0] = True
     due(sharer).take([sample(5, 10)])
     due(sharer).take([sample(6, 10)])
-    assert [each.key for each in unpacked(sent[-1])] == ["event/6"]
+    assert [each.key for each in unpack_samples(sent[-1])] == ["event/6"]
 
 
 def test_batches_come_once_a_period_and_nothing_is_left_out(
@@ -110,14 +110,14 @@ def test_batches_come_once_a_period_and_nothing_is_left_out(
         now_s[0] += 0.01
         sharer.take([sample(number, 3)])
     assert 20 <= len(sent) <= 1.0 / sharing.PERIOD_S  # of hundredths of a second: four or five
-    keys = [each.key for batch in sent for each in unpacked(batch)]
+    keys = [each.key for batch in sent for each in unpack_samples(batch)]
     assert keys == [f"event/{number}" for number in range(len(keys))]
     assert len(keys) > 94
 
 
 @given(st.binary(max_size=400))
 def test_junk_is_no_batch(junk: bytes) -> None:
-    for each in unpacked(junk):  # what is one by chance has the types of one
+    for each in unpack_samples(junk):  # what is one by chance has the types of one
         assert isinstance(each.key, str)
         assert isinstance(each.payload, bytes)
 
@@ -128,14 +128,14 @@ def test_a_batch_that_was_cut_or_changed_raises_nothing() -> None:
     sharer.take([])
     due(sharer).take([sample(number, 50) for number in range(4)])
     whole, rng = sent[0], np.random.default_rng(0)
-    ends = [unpacked(whole[:end]) for end in range(len(whole))]
+    ends = [unpack_samples(whole[:end]) for end in range(len(whole))]
     # All that is before the cut
     assert [len(each) for each in ends] == sorted(len(each) for each in ends)
     assert {len(each) for each in ends} == {0, 1, 2, 3}
     for _ in range(300):
         changed = bytearray(whole)
         changed[rng.integers(len(whole))] = rng.integers(256)
-        unpacked(bytes(changed))
+        unpack_samples(bytes(changed))
 
 
 def test_an_onlooker_hears_by_its_supervisor_and_others_hear_no_batches(bus: ZenohBus) -> None:
@@ -150,7 +150,7 @@ def test_an_onlooker_hears_by_its_supervisor_and_others_hear_no_batches(bus: Zen
 
         def steps(samples: list[RawSample]) -> list[int]:
             return [
-                codec.decode(Done, each.payload).step
+                codec.decode_message(Done, each.payload).step
                 for each in samples
                 if each.key == "done/render"
             ]
@@ -224,7 +224,7 @@ def test_who_listened_for_itself_hears_by_a_supervisor_that_hands_on_and_nothing
             time.sleep(0.01)
             if hands_on:
                 sharer.take(heard.drain())
-            got.extend(codec.decode(Done, each.payload).step for each in looks_on.drain())
+            got.extend(codec.decode_message(Done, each.payload).step for each in looks_on.drain())
 
         while not got:
             says_one(hands_on=False)

@@ -21,7 +21,7 @@ from saltus.heightmap.service.proprioception_vector import PROPRIOCEPTION
 from saltus.model_file import ModelFile
 from saltus.policy.actor import PolicyActor
 from saltus.policy.policy_features import size_with
-from saltus.resources import resource
+from saltus.resources import shipped_file
 
 
 def _heights(path: Path) -> Floats:
@@ -43,7 +43,7 @@ def _plans(path: Path) -> Floats:
 def test_every_file_gives_the_shipped_numbers_or_one_line(
     kind: str, numbers: Callable[[Path], Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    shipped, met = numbers(resource(f"models/{kind}.onnx")), 0
+    shipped, met = numbers(shipped_file(f"models/{kind}.onnx")), 0
     for path, refusal in strange_models(kind, tmp_path):
         monkeypatch.chdir(path.parent)  # where the runtime would look for a second file
         met += 1
@@ -59,7 +59,7 @@ def test_every_file_gives_the_shipped_numbers_or_one_line(
 
 
 def test_the_fingerprint_is_that_of_the_bytes_that_were_given_to_the_runtime() -> None:
-    file = ModelFile(resource("models/policy.onnx"))
+    file = ModelFile(shipped_file("models/policy.onnx"))
     assert file.session._model_bytes is file.data
     assert hashlib.sha256(file.data).hexdigest().startswith(file.model_id)
 

@@ -12,8 +12,8 @@ from saltus.config import RunConfig, TerrainConfig
 from saltus.named_setup import named_setup
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import read_recording
-from saltus.recordings.report import ScanSection, write_report
-from saltus.recordings.summary import sentence, summarise
+from saltus.recordings.report import ScanSection, write_run_report
+from saltus.recordings.summary import run_sentence, summarise_run
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Outcome
 from saltus.wire import codec
@@ -59,7 +59,9 @@ def recorded(event: tuple[float, str, str]) -> RawSample:
         detail = json.dumps(asdict(outcome))
     message = Event(time_ns=round(1e9 * time_s), process=code, code=code, detail=detail)
     envelope = Envelope(1, message.time_ns, code.ljust(16).encode()[:16])
-    return RawSample(f"event/{code}", codec.encode(message), envelope.to_bytes(), message.time_ns)
+    return RawSample(
+        f"event/{code}", codec.encode_message(message), envelope.to_bytes(), message.time_ns
+    )
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -73,10 +75,10 @@ def test_what_began_a_failure_comes_first_and_its_end_last(
         for event in reversed(events) if turned else events:  # messages may overtake each other
             file.write(recorded(event))
     recording = read_recording(tmp_path / "run.mcap")
-    summary = summarise(recording)
+    summary = summarise_run(recording)
     assert summary.explanation == explanation
-    assert f"did not cross ({explanation}) stairs" in sentence(summary)
-    write_report(recording, summary, tmp_path / "report.html")
+    assert f"did not cross ({explanation}) stairs" in run_sentence(summary)
+    write_run_report(recording, summary, tmp_path / "report.html")
     listed = re.findall(r"<td>(-?\d+\.\d{3}) s</td>", (tmp_path / "report.html").read_text())
     assert len(listed) == len(events)
     assert listed == sorted(listed, key=float)
@@ -88,11 +90,13 @@ def test_a_report_shows_the_video_and_leads_to_the_recording(tmp_path: Path) -> 
     with Recorder(folder / "run.mcap", config, named_setup(config)) as file:
         file.write(recorded(FELL))
     recording = read_recording(folder / "run.mcap")
-    write_report(recording, summarise(recording), tmp_path / "report.html", folder / "video.mp4")
+    write_run_report(
+        recording, summarise_run(recording), tmp_path / "report.html", folder / "video.mp4"
+    )
     text = (tmp_path / "report.html").read_text()
     assert '<a href="a%20run/run.mcap">run.mcap</a>' in text
     assert 'src="a%20run/video.mp4" poster="a%20run/video.png"' in text  # of what is not yet played
-    write_report(recording, summarise(recording), tmp_path / "report.html")
+    write_run_report(recording, summarise_run(recording), tmp_path / "report.html")
     assert "<video" not in (tmp_path / "report.html").read_text()
     figures = {
         "points": 187,
@@ -100,7 +104,7 @@ def test_a_report_shows_the_video_and_leads_to_the_recording(tmp_path: Path) -> 
         "seen": {"mean_mm": 16.14, "inside": 0.923, "half_width_mm": 19.6, "share": 0.51},
     }
     section = ScanSection.of_figures(figures, folder / "scan.png")
-    write_report(recording, summarise(recording), tmp_path / "report.html", scan=section)
+    write_run_report(recording, summarise_run(recording), tmp_path / "report.html", scan=section)
     text = (tmp_path / "report.html").read_text()
     assert 'src="a%20run/scan.png"' in text
     row = re.sub(r"<[^>]*>", " ", text[text.index("<td>seen") :]).split("\n")
@@ -114,8 +118,8 @@ def test_times_are_said_to_run_from_where_they_run(kind: str, tmp_path: Path) ->
     with Recorder(tmp_path / "run.mcap", config, setup_of(terrain)) as file:
         file.write(recorded(FELL))
     recording = read_recording(tmp_path / "run.mcap")
-    summary = summarise(recording)
-    write_report(recording, summary, tmp_path / "report.html")
-    for said in (sentence(summary), (tmp_path / "report.html").read_text()):
+    summary = summarise_run(recording)
+    write_run_report(recording, summary, tmp_path / "report.html")
+    for said in (run_sentence(summary), (tmp_path / "report.html").read_text()):
         assert ("before the first edge" in said) == (kind == "stairs")
         assert terrain.timed in said

@@ -12,7 +12,7 @@ import pytest
 import tomli_w
 from samples import EVERYTHING
 
-from saltus.config import RunConfig, TerrainConfig, changed, from_toml, read_toml, to_toml
+from saltus.config import RunConfig, TerrainConfig, from_toml, read_toml, to_toml, with_changes
 from saltus.depth_camera import DepthCamera, load_camera
 from saltus.effects.profile import Profile
 from saltus.errors import SaltusError
@@ -44,7 +44,7 @@ TABLES: dict[str, tuple[str, Callable[[str], Any]]] = {
     ),
     "training of policies": (
         to_toml(for_gpu("go1", "line")),
-        lambda text: changed(for_gpu("go1", "line"), read_toml(text)),
+        lambda text: with_changes(for_gpu("go1", "line"), read_toml(text)),
     ),
     "training of heights": (
         to_toml(HeightmapTrainConfig()),

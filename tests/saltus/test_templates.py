@@ -14,7 +14,13 @@ from samples import message_of
 from saltus.errors import MessageError
 from saltus.wire import codec, schemas
 from saltus.wire.cdr import STORE
-from saltus.wire.codec import _TEMPLATES, decode, encode, reference_bytes, reference_message
+from saltus.wire.codec import (
+    _TEMPLATES,
+    decode_message,
+    encode_message,
+    reference_bytes,
+    reference_message,
+)
 from saltus.wire.messages import Message, MotionPlan
 
 KINDS = list(_TEMPLATES)
@@ -40,7 +46,7 @@ def learned(kind: type[Message]) -> bytes:
     """Bytes of a message of which there is a template."""
     data = reference_bytes(message_of(kind))
     for _ in range(3):
-        decode(kind, data)
+        decode_message(kind, data)
     assert any(t.read(data) is not None for t in _TEMPLATES[kind]._by_length[len(data)])
     return data
 
@@ -51,8 +57,8 @@ def test_messages_are_those_of_the_reference(kind: type[Message], seed: int) -> 
     message = message_of(kind, seed)
     data = reference_bytes(message)
     for _ in range(3):  # by the reference, and then by a template
-        assert encode(message) == data
-        assert outcome(lambda d: decode(kind, d), data) == outcome(
+        assert encode_message(message) == data
+        assert outcome(lambda d: decode_message(kind, d), data) == outcome(
             lambda d: reference_message(kind, d), data
         )
 
@@ -66,7 +72,7 @@ def test_flipped_bytes_have_the_outcome_of_the_reference(
     data = bytearray(learned(kind))
     for position, mask in flips:
         data[position % len(data)] ^= mask
-    assert outcome(lambda d: decode(kind, d), bytes(data)) == outcome(
+    assert outcome(lambda d: decode_message(kind, d), bytes(data)) == outcome(
         lambda d: reference_message(kind, d), bytes(data)
     )
 
@@ -78,14 +84,14 @@ def test_every_byte_is_judged(kind: type[Message]) -> None:
         for mask in (0x80, 0xFF):
             changed = bytearray(data)
             changed[position] ^= mask
-            assert outcome(lambda d: decode(kind, d), bytes(changed)) == outcome(
+            assert outcome(lambda d: decode_message(kind, d), bytes(changed)) == outcome(
                 lambda d: reference_message(kind, d), bytes(changed)
             )
 
 
 @kinds
 def test_arrays_of_a_template_are_read_only(kind: type[Message]) -> None:
-    message = decode(kind, learned(kind))
+    message = decode_message(kind, learned(kind))
     for value in vars(message).values():
         assert not isinstance(value, np.ndarray) or not value.flags.writeable
 
@@ -96,13 +102,13 @@ def test_messages_of_another_writer_are_read_as_by_the_reference() -> None:
     data = bytes(STORE.serialize_cdr(wire, schemas.TYPE_NAME[MotionPlan]))
     expected = outcome(lambda d: reference_message(MotionPlan, d), data)
     for _ in range(4):
-        assert outcome(lambda d: decode(MotionPlan, d), data) == expected
+        assert outcome(lambda d: decode_message(MotionPlan, d), data) == expected
 
 
 def test_there_are_no_more_templates_than_allowed() -> None:
     plan = message_of(MotionPlan)
     for number in range(300):
         again = dataclasses.replace(plan, reason=f"reason {number}")
-        assert [encode(again) for _ in range(3)] == [reference_bytes(again)] * 3
-        assert decode(MotionPlan, encode(again)).reason == again.reason
+        assert [encode_message(again) for _ in range(3)] == [reference_bytes(again)] * 3
+        assert decode_message(MotionPlan, encode_message(again)).reason == again.reason
     assert len(_TEMPLATES[MotionPlan]._templates) <= 64

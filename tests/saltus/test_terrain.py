@@ -17,7 +17,7 @@ from saltus.sim import robot_model
 from saltus.terrain.boxes import Box, Boxes
 from saltus.terrain.course_law import KINDS as LEVEL
 from saltus.terrain.curriculum import make_terrain
-from saltus.terrain.terrain import WIDTH, Terrain, checked
+from saltus.terrain.terrain import WIDTH, Terrain, check_terrain
 from saltus.terrain.terrain_stack import TerrainStack
 
 LEVEL_FAMILY = [config for config in FAMILY if config.terrain in LEVEL]
@@ -166,7 +166,7 @@ def test_there_is_ground_behind_the_start_and_the_finish(config: TerrainConfig) 
     assert np.all(terrain.height_at(np.linspace(-2.0, 1.49, 100), 0.0) == 0.0)
     behind = np.linspace(max([1.5, *terrain.edges_x]) + 1e-6, terrain.finish_x + 4.0, 100)
     assert np.ptp(terrain.height_at(behind, 0.0)) < 1e-9
-    assert checked(terrain, config.terrain) is terrain
+    assert check_terrain(terrain, config.terrain) is terrain
     lowest = terrain.height_at(np.linspace(-2.0, terrain.finish_x, 1000), 0.0).min()
     assert all(box.low[2] <= lowest - 0.6 + 1e-9 for box in terrain.boxes if box.is_level)
 

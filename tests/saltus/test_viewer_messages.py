@@ -15,7 +15,7 @@ from samples import KINEMATICS, ROBOT, message_of
 from saltus.constants import FORCE_M_PER_N
 from saltus.controller.gait import STANCE_RATIO
 from saltus.controller.swing import SwingLegs
-from saltus.controller.yaw_frame import observe, reference_of
+from saltus.controller.yaw_frame import observe_body, reference_of
 from saltus.footholds import Footholds
 from saltus.grid import SCAN, HeightGrid
 from saltus.plan import plan_of
@@ -41,7 +41,7 @@ def one_of(derived: Any, topic: str) -> Any:
     """The last message of a topic, decoded by its own definition."""
     message = [each for each in derived if each.topic == topic][-1]
     return PlainReader().decode(
-        message.type_name, ros.definition_of(message.type_name), message.payload
+        message.type_name, ros.stored_definition(message.type_name), message.payload
     )
 
 
@@ -99,7 +99,7 @@ def test_a_grid_map_has_the_heights_where_the_package_looks_for_them(
     heightmap: Any = replace(dict(run_messages(3))["heightmap/heightmap"], status=status)
     grid = PlainReader().decode(
         "grid_map_msgs/msg/GridMap",
-        ros.definition_of("grid_map_msgs/msg/GridMap"),
+        ros.stored_definition("grid_map_msgs/msg/GridMap"),
         ros.payload_of(ros.grid_map(heightmap)),
     )
     info = grid.info
@@ -281,7 +281,7 @@ def test_planned_feet_are_where_the_leg_controller_swings_them() -> None:
             sent["policy/plan"], stepping_frequency_hz=rng.uniform(1.0, 4.0),
             foot_residual_front=rng.normal(size=3), foot_residual_rear=rng.normal(size=3),
         )  # fmt: skip
-        body = observe(state, KINEMATICS)
+        body = observe_body(state, KINEMATICS)
         stance_s = np.asarray(STANCE_RATIO / plan.stepping_frequency_hz)
         path = swing.nominal_path(
             body, body.foot_yaw, np.ones(4), stance_s, np.asarray(state.base_height)
@@ -310,7 +310,7 @@ def test_markers_show_forces_stance_and_planned_feet() -> None:
             ("controller/state", state),
         ):
             derived += list(made.derive(key, message, message.time_ns))
-    feet = observe(state, KINEMATICS).foot_yaw
+    feet = observe_body(state, KINEMATICS).foot_yaw
     stance, force = one_of(derived, "/viewer/contacts").markers
     target, way = one_of(derived, "/viewer/plan").markers
 

@@ -4,12 +4,12 @@ from collections import Counter
 
 import pytest
 
-from saltus.workers import in_order, tell
+from saltus.workers import in_order, tell_progress
 
 
 def work(task: int) -> int:
     for _ in range(task):
-        tell(0.5)
+        tell_progress(0.5)
     return task * task
 
 

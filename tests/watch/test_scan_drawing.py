@@ -19,7 +19,7 @@ from saltus.grid import LINE, SCAN, HeightGrid
 from saltus.recordings.recording import RecordedMessage
 from saltus.terrain import flat
 from saltus.watch.drawing import GUESS_M, GUESSED, Drawing
-from saltus.watch.pictures import PREDICTED, curves
+from saltus.watch.pictures import PREDICTED, heightmap_curves
 from saltus.watch.scene import Scene, SceneMaker, SceneWorld
 from saltus.watch.server import PageServer
 from saltus.wire import codec
@@ -47,7 +47,7 @@ def scene_of(grid: HeightGrid, half_width: np.ndarray) -> Scene:
             message.time_ns + LATENCY_NS,
             key,
             Envelope(1, message.time_ns, bytes(16)),
-            codec.encode(message),
+            codec.encode_message(message),
         )
         for key, message in {
             "controller/state": sent["controller/state"],
@@ -88,7 +88,7 @@ def test_a_guess_has_the_colour_of_guesses(drawing: Drawing) -> None:
 def test_a_plot_of_a_scan_is_its_middle(tmp_path: Path) -> None:
     scene = scene_of(SCAN, np.full(SCAN.size, 0.02))
     assert scene.heights is not None
-    x, low, high, predicted, _ = curves(scene.heights, scene)
+    x, low, high, predicted, _ = heightmap_curves(scene.heights, scene)
     np.testing.assert_allclose(x, SCAN.x)
     np.testing.assert_allclose(high - low, 0.04)
     np.testing.assert_allclose(predicted - predicted[0], 0.1 * (x - x[0]), atol=1e-9)

@@ -32,7 +32,7 @@ def command_message(command: JointCommand, robot: Robot) -> UnitreeMessage:
     return message
 
 
-def command_of(message: UnitreeMessage, robot: Robot) -> JointCommand:
+def unitree_command(message: UnitreeMessage, robot: Robot) -> JointCommand:
     """The command in a message of shape (); motors that are off have neither gains nor torque."""
     motors, sign = message["motor_cmd"][:MOTORS], robot.joint_sign
     on = (motors["mode"] != OFF).astype(np.float64)
@@ -45,7 +45,9 @@ def command_of(message: UnitreeMessage, robot: Robot) -> JointCommand:
     )
 
 
-def state_message(sensed: SensorArrays, joint_torque: Floats, robot: Robot) -> UnitreeMessage:
+def unitree_state_message(
+    sensed: SensorArrays, joint_torque: Floats, robot: Robot
+) -> UnitreeMessage:
     """Joints and IMU of a healthy robot: what else a state holds is left at zero."""
     message, sign = LOW_STATE.blank(), robot.joint_sign
     motors, imu = message["motor_state"][:MOTORS], message["imu_state"]

@@ -60,7 +60,7 @@ class ListenedStates:
     """Other programs that command the robot."""
 
 
-def listen(
+def listen_to_robot(
     link: UnitreeLink, wait: Callable[[], float], seconds: float = LISTENS_S
 ) -> ListenedStates:
     """Takes states for some seconds; `wait` returns the time 2 ms after its last return [s]."""

@@ -19,7 +19,7 @@ def new_log(path: Path) -> CdrLog:
     return CdrLog(path, {topic: TYPES[name] for name, topic in TOPICS.items()})
 
 
-def record(
+def record_link(
     arrivals: "SimpleQueue[tuple[str, ArrivedMessage]]",
     log: CdrLog,
     watch: StateWatch,

@@ -129,7 +129,7 @@ class SimulatedMotionService:
             keeps: It does not let the mode be released.
         """
         try:
-            asked = ros.decode(REQUEST_TYPE, payload).header.identity
+            asked = ros.decode_ros_message(REQUEST_TYPE, payload).header.identity
         except MessageError:
             return []
         code, data = DONE, ""
@@ -159,7 +159,7 @@ def request(call: int, number: int) -> bytes:
 
 def _answer_to(number: int, payload: bytes) -> tuple[int, str] | None:
     try:
-        answer = ros.decode(ANSWER_TYPE, payload)
+        answer = ros.decode_ros_message(ANSWER_TYPE, payload)
     except MessageError:
         return None
     header = answer.header

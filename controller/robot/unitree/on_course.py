@@ -11,7 +11,7 @@ import numpy as np
 from saltus.arrays import Floats
 from saltus.clock import RunClock
 from saltus.config import RunConfig
-from saltus.controller.robot.backend import CourseRobot, RobotReading, true_heights
+from saltus.controller.robot.backend import CourseRobot, RobotReading, true_grid_heights
 from saltus.controller.robot.unitree.limits import COURSE
 from saltus.controller.robot.unitree.link import COMMANDS, STATES, TRUTHS, UnitreeLink
 from saltus.controller.robot.unitree.robot import ANSWER_S, CONNECT_S, WAIT_S, UnitreeRobot
@@ -93,7 +93,7 @@ class UnitreeOnCourse(CourseRobot):
         """See `CourseRobot.truth`; that of the newest state."""
         motion = self._newest().motion
         at = motion["position_base_in_world"], motion["quaternion_base_in_world"]
-        heights = true_heights(self._terrain, self._grid, *at)
+        heights = true_grid_heights(self._terrain, self._grid, *at)
         x, y = np.array(self._grid.x), np.array(self._grid.y)
         return GroundTruth(time_ns=time_ns, step=step, **motion, x=x, y=y, height=heights)
 

@@ -7,17 +7,17 @@ from saltus.controller.robot.unitree.link import UnitreeLink
 from saltus.controller.robot.unitree.listening import (
     PreflightCheck,
     link_checks,
-    listen,
+    listen_to_robot,
     state_checks,
 )
 from saltus.controller.robot.unitree.motion_service import MotionService
 from saltus.controller.robot.unitree.robot import UnitreeRobot
-from saltus.controller.robot.unitree.soft_motion import motion_checks, move
+from saltus.controller.robot.unitree.soft_motion import motion_checks, move_softly
 from saltus.errors import StackError
 from saltus.robots.robot import Robot
 
 
-def preflight(
+def run_preflight(
     link: UnitreeLink,
     kind: Robot,
     clock: RunClock,
@@ -42,7 +42,7 @@ def preflight(
         StackError: another program has begun to command the robot. Nothing is sent then.
     """
     service, mode = _service(MotionService(link), stands=stands, agreed=agreed)
-    heard = listen(link, wait)
+    heard = listen_to_robot(link, wait)
     checks = [service, *link_checks(heard, its_own=int(mode != ""))]
     if not all(check.passed for check in checks):
         return checks
@@ -51,7 +51,7 @@ def preflight(
         return checks
     robot = UnitreeRobot(link, kind, clock)
     robot.reset()
-    checks += motion_checks(move(robot, kind, wait), kind)
+    checks += motion_checks(move_softly(robot, kind, wait), kind)
     robot.relax()
     return checks
 

@@ -4,7 +4,12 @@ import numpy as np
 
 from saltus.arrays import Floats
 from saltus.constants import PHYSICS_DT
-from saltus.controller.robot.unitree.drives import MS, command_message, command_of, state_message
+from saltus.controller.robot.unitree.drives import (
+    MS,
+    command_message,
+    unitree_command,
+    unitree_state_message,
+)
 from saltus.controller.robot.unitree.faults import PlantedFaults
 from saltus.controller.robot.unitree.messages import (
     LOW_COMMAND,
@@ -103,7 +108,7 @@ class SimulatedUnitree:
             self.refused += 1
             return
         self._faults.on_command(message, self.time_s)
-        self._command = command_of(message, self._plant.robot)
+        self._command = unitree_command(message, self._plant.robot)
         self.commands += 1
 
     def step(self) -> list[bytes]:
@@ -129,7 +134,7 @@ class SimulatedUnitree:
 
     def _state(self) -> UnitreeMessage:
         plant = self._plant
-        message = state_message(plant.sensed, plant.state.joint_torque, plant.robot)
+        message = unitree_state_message(plant.sensed, plant.state.joint_torque, plant.robot)
         message["imu_state"]["gyroscope"] += GYRO_NOISE * self._noise.standard_normal(3)
         message["tick"] = round(self.time_s / MS)
         message["motor_state"]["temperature"][:12] = MOTOR_C

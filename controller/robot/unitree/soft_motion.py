@@ -58,7 +58,7 @@ class SoftMotion:
     """Why the robot was damped; empty if it was not."""
 
 
-def move(robot: UnitreeRobot, kind: Robot, wait: Callable[[], float]) -> SoftMotion:
+def move_softly(robot: UnitreeRobot, kind: Robot, wait: Callable[[], float]) -> SoftMotion:
     """Brings the legs to `POSE`, swings them, and leaves them damped; `wait` as of `listen`.
 
     Raises:

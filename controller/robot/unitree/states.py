@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from saltus.controller.robot.unitree.drives import MS
 from saltus.controller.robot.unitree.hips import HipWatch
 from saltus.controller.robot.unitree.messages import LOW_STATE, UnitreeMessage, is_intact
-from saltus.controller.robot.unitree.trouble import contradiction, trouble
+from saltus.controller.robot.unitree.trouble import hardware_trouble, state_contradiction
 from saltus.errors import MessageError
 from saltus.robots.robot import Robot
 
@@ -133,11 +133,11 @@ class StateWatch:
             if self._still * TICK_MS > 1000.0 * LOST_S:
                 self.lose(f"its clock goes on, but {self._still} states say the same")
             if self._robot is not None:
-                self.lose(contradiction(message, last, self._robot))
+                self.lose(state_contradiction(message, last, self._robot))
         if self._hips is not None and not self._still:
             self.lose(self._hips.take(message))
         if self._robot is not None:
-            self.doubt(trouble(message))
+            self.doubt(hardware_trouble(message))
         if message["wireless_remote"][BUTTONS].any():
             self.lose("a button of the remote was pressed")
         self._behind_s += DRIFT * (now_s - self._arrived_s)

@@ -16,7 +16,7 @@ FASTEST_TURN = np.deg2rad(2000.0)
 attitude that turns faster has leapt [rad/s]."""
 
 
-def trouble(message: UnitreeMessage) -> str:
+def hardware_trouble(message: UnitreeMessage) -> str:
     """Names a motor that is off or hot, or an empty battery, in a state of shape ()."""
     motors = message["motor_state"][:MOTORS]
     if (motors["mode"] == OFF).any():
@@ -28,7 +28,7 @@ def trouble(message: UnitreeMessage) -> str:
     return f"its battery is at {charge} %" if charge <= EMPTY_PERCENT else ""
 
 
-def contradiction(message: UnitreeMessage, before: UnitreeMessage, robot: Robot) -> str:
+def state_contradiction(message: UnitreeMessage, before: UnitreeMessage, robot: Robot) -> str:
     """Names a joint or an attitude that leaps between two states of shape ().
 
     An angle may be off the mean of both speeds by what the joint can do in that time, an attitude

@@ -13,16 +13,21 @@ import torch
 from saltus.config import load_changes
 from saltus.errors import SaltusError, nearest_hint
 from saltus.gpu import has_gpu
-from saltus.heightmap.scan.training.card import card
-from saltus.heightmap.scan.training.evaluation import evaluate, rows_of, table_of, write_results
-from saltus.heightmap.scan.training.export import export
+from saltus.heightmap.scan.training.card import scan_card
+from saltus.heightmap.scan.training.evaluation import (
+    evaluate_scan,
+    evaluation_rows,
+    table_of,
+    write_results,
+)
+from saltus.heightmap.scan.training.export import export_scan
 from saltus.heightmap.scan.training.files import ScanTrainingProgress, trained_images
 from saltus.heightmap.scan.training.scan_model import parameter_count
 from saltus.heightmap.scan.training.settings import FlightSettings, ScanTrainSettings
-from saltus.heightmap.scan.training.train import train
+from saltus.heightmap.scan.training.train import train_scan
 from saltus.model_file import ModelFile
 from saltus.onnx_export import weights_of
-from saltus.provenance import commit
+from saltus.provenance import current_commit
 
 
 def main() -> int:
@@ -96,25 +101,25 @@ def _run(given: argparse.Namespace) -> int:
             flush=True,
         )
 
-    model = train(
+    model = train_scan(
         settings, given.out, minutes=given.minutes, updates=given.updates, device=device,
         compiled=given.compile,
         progress=show, start=weights_of(ModelFile(given.start)) if given.start else None,
     )  # fmt: skip
-    export(model.cpu(), settings, given.out / "scan.onnx")
+    export_scan(model.cpu(), settings, given.out / "scan.onnx")
     if given.robots:
         rows = _rows(settings, given.rows)
-        results = evaluate(
+        results = evaluate_scan(
             model.to(device), settings, robots=given.robots, device=device, rows=rows
         )
         write_results(results, given.out / "scan.json")
-        text = card(
+        text = scan_card(
             ModelFile(given.out / "scan.onnx").model_id,
             settings,
             results,
             parameter_count(model),
             trained_images(given.out),
-            given.commit or commit(),
+            given.commit or current_commit(),
         )
         (given.out / "scan.md").write_text(text, encoding="utf-8")
         print(table_of(results), flush=True)
@@ -123,7 +128,7 @@ def _run(given: argparse.Namespace) -> int:
 
 def _rows(settings: ScanTrainSettings, names: str | None) -> dict[str, FlightSettings]:
     """Rows by name, or all; or `SaltusError`."""
-    known = rows_of(settings.flight)
+    known = evaluation_rows(settings.flight)
     for name in names.split(",") if names else ():
         if name not in known:
             raise SaltusError(f"--rows: '{name}' is none: {nearest_hint(name, known)}")

@@ -23,7 +23,7 @@ def read_results(path: Path) -> list[ScanScore]:
     return [ScanScore(**table) for table in json.loads(path.read_text(encoding="utf-8"))]
 
 
-def card(
+def scan_card(
     model_id: str,
     settings: ScanTrainSettings,
     scores: list[ScanScore],

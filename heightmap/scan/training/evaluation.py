@@ -13,17 +13,17 @@ import torch
 from torch import Tensor
 
 from saltus.grid import SCAN, HeightGrid, load_grid
-from saltus.heightmap.scan.cells import places, sampled
-from saltus.heightmap.scan.elevation import ElevationMap, MapContext, advanced, new_map
+from saltus.heightmap.scan.cells import fine_cell_positions, sample_bilinear
+from saltus.heightmap.scan.elevation import ElevationMap, MapContext, advance_map, new_map
 from saltus.heightmap.scan.geometry import geometric_heights
-from saltus.heightmap.scan.network_inputs import MapHeights, inputs_of, remembered
+from saltus.heightmap.scan.network_inputs import MapHeights, inputs_of, remember_told
 from saltus.heightmap.scan.settings import MapSettings
-from saltus.heightmap.scan.training.flights import FlightDraws, FlightImage, draw_flight, shoot
-from saltus.heightmap.scan.training.framewise import kept, of_image
+from saltus.heightmap.scan.training.flights import FlightDraws, FlightImage, draw_flight, next_image
+from saltus.heightmap.scan.training.framewise import heights_kept, of_image
 from saltus.heightmap.scan.training.ground_patches import heights_at
 from saltus.heightmap.scan.training.last_seen import LastSeen
-from saltus.heightmap.scan.training.pose_tables import turned
-from saltus.heightmap.scan.training.scan_model import ScanModel, told
+from saltus.heightmap.scan.training.pose_tables import turn_by_yaw
+from saltus.heightmap.scan.training.scan_model import ScanModel, told_heights
 from saltus.heightmap.scan.training.seeded_random import SeededRandom
 from saltus.heightmap.scan.training.settings import FAMILIES, FlightSettings, ScanTrainSettings
 
@@ -70,7 +70,7 @@ def usual_flights(trained: FlightSettings) -> FlightSettings:
     )  # fmt: skip
 
 
-def rows_of(trained: FlightSettings) -> dict[str, FlightSettings]:
+def evaluation_rows(trained: FlightSettings) -> dict[str, FlightSettings]:
     """Names of rows, and from what their flights are drawn."""
     usual = usual_flights(trained)
     left_out = tuple(name for name in FAMILIES if name not in trained.families)
@@ -154,7 +154,7 @@ class _Tally:
                     )  # fmt: skip
 
 
-def evaluate(
+def evaluate_scan(
     model: ScanModel | None, settings: ScanTrainSettings, *, robots: int, device: torch.device,
     batch: int = 128,
     rows: dict[str, FlightSettings] | None = None, rivals: dict[str, MapSettings] | None = None,
@@ -162,7 +162,7 @@ def evaluate(
     """Scores of the network, if any, and of its rivals on the same images, odometry and feet."""
     rivals = rivals or rivals_of(settings.map)
     scores: list[ScanScore] = []
-    for row, flights in (rows or rows_of(settings.flight)).items():
+    for row, flights in (rows or evaluation_rows(settings.flight)).items():
         tallies: dict[tuple[str, str], _Tally] = {}
         for start in range(0, robots, batch):
             draws = SeededRandom(EVAL_SEED + start, device)
@@ -186,7 +186,7 @@ def _fly(
     own = new_map(robots, map_settings, like)
     seen = LastSeen(robots, flights, like)
     for _ in range(flights.images):
-        shot = shoot(flight, flights, draws)
+        shot = next_image(flight, flights, draws)
         seen.add(shot)
         judged = shot.now_s >= AFTER_S
         told_by: dict[str, tuple[MapHeights, ElevationMap, MapContext, MapSettings]] = {}
@@ -200,7 +200,7 @@ def _fly(
             measured = shot.measured
             if not rival.foot_gain:
                 measured = measured._replace(standing=torch.zeros_like(measured.standing))
-            maps[name], about = advanced(maps[name], measured, rival)
+            maps[name], about = advance_map(maps[name], measured, rival)
             told_by[name] = (
                 geometric_heights(maps[name], about, shot.now_s, rival),
                 maps[name],
@@ -220,15 +220,17 @@ def _told(
     settings: MapSettings,
 ) -> tuple[MapHeights, ElevationMap, MapContext]:
     """Heights of a network after an image, with the map that remembers them."""
-    state, around = advanced(state, shot.measured, settings)
+    state, around = advance_map(state, shot.measured, settings)
     if not model.settings.frame:
-        heights = told(model, inputs_of(state, around, shot.now_s, shot.measured), around.filled)
-        return heights, remembered(state, heights), around
+        heights = told_heights(
+            model, inputs_of(state, around, shot.now_s, shot.measured), around.filled
+        )
+        return heights, remember_told(state, heights), around
     alone, inputs, around = of_image(state, shot.measured, shot.now_s, settings)
-    heights = kept(
-        state, alone.corner, told(model, inputs, around.filled), images_apart_s, settings
+    heights = heights_kept(
+        state, alone.corner, told_heights(model, inputs, around.filled), images_apart_s, settings
     )
-    return heights, remembered(state, heights), around
+    return heights, remember_told(state, heights), around
 
 
 def _judge(
@@ -239,7 +241,7 @@ def _judge(
 ) -> None:  # fmt: skip
     points = torch.tensor(grid.points, dtype=shot.position.dtype, device=shot.position.device)
     points = points.expand(len(shot.position), -1, -1)
-    place = turned(points, shot.angles[:, 2]) + shot.position[:, None, :2]
+    place = turn_by_yaw(points, shot.angles[:, 2]) + shot.position[:, None, :2]
     truth = (
         heights_at(flight.ground.height, place[..., 0], place[..., 1], flights.raster_m)
         - shot.position[:, 2:]
@@ -258,10 +260,10 @@ def _judge(
     flat = -shot.measured.body_height[:, None].expand_as(truth)
     add("flat", flat, torch.full_like(flat, 0.1))
     for method, (heights, state, around, map_settings) in told_by.items():
-        offset = turned(points, shot.believed_yaw) + around.base[:, None, :2]
-        at = places(offset, state.corner, map_settings)
-        height = sampled(heights.height, at) - around.base[:, 2:]
-        add(method, height, sampled(heights.half_width, at))
+        offset = turn_by_yaw(points, shot.believed_yaw) + around.base[:, None, :2]
+        at = fine_cell_positions(offset, state.corner, map_settings)
+        height = sample_bilinear(heights.height, at) - around.base[:, 2:]
+        add(method, height, sample_bilinear(heights.half_width, at))
 
 
 def write_results(scores: list[ScanScore], path: Path) -> None:

@@ -11,15 +11,15 @@ from saltus.heightmap.scan.elevation import (
     ElevationMap,
     MapContext,
     MapUpdate,
-    advanced,
+    advance_map,
 )
 from saltus.heightmap.scan.network_inputs import ScanInputs, inputs_of
 from saltus.heightmap.scan.settings import MapSettings
 from saltus.heightmap.scan.training.flights import (
     FlightDraws,
     RayMarch,
-    shoot,
-    true_heights,
+    next_image,
+    true_map_heights,
 )
 from saltus.heightmap.scan.training.framewise import of_image
 from saltus.heightmap.scan.training.raster_rays import first_hits
@@ -56,11 +56,11 @@ def with_image(
     Returns the new map, what the network is shown of it, and what else is known around the robot.
     `now_s`: time of the image's look [s].
     """
-    state, around = advanced(state, measured, settings)
+    state, around = advance_map(state, measured, settings)
     return state, inputs_of(state, around, now_s, measured), around
 
 
-def example(
+def next_example(
     flight: FlightDraws,
     state: ElevationMap,
     settings: ScanTrainSettings,
@@ -70,7 +70,7 @@ def example(
     """The next image of every robot: the map with it,
     what the network is shown, and the true heights.
     """
-    shot = shoot(flight, settings.flight, draws, calls.march)
+    shot = next_image(flight, settings.flight, draws, calls.march)
     state, inputs, around = calls.see(state, shot.measured, shot.now_s, settings.map)
     shown = state
     if settings.network.frame:
@@ -79,5 +79,5 @@ def example(
         state,
         inputs,
         around,
-        true_heights(flight, shot, shown, around, settings.map, settings.flight),
+        true_map_heights(flight, shot, shown, around, settings.map, settings.flight),
     )

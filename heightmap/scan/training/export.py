@@ -11,7 +11,7 @@ from saltus.heightmap.scan.training.settings import ScanTrainSettings
 from saltus.onnx_export import round_to_half, write_onnx
 
 
-def export(model: ScanModel, settings: ScanTrainSettings, path: Path) -> None:
+def export_scan(model: ScanModel, settings: ScanTrainSettings, path: Path) -> None:
     """Writes the network with what feeds it:
     the settings of its map as TOML, names of planes and numbers.
 

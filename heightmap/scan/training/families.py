@@ -6,7 +6,13 @@ import torch
 from torch import Tensor
 
 from saltus.heightmap.scan.training.patch_places import PatchPlaces
-from saltus.heightmap.scan.training.rasters import edges_of, profile, slopes, smooth, with_boxes
+from saltus.heightmap.scan.training.rasters import (
+    edges_of,
+    linear_between_edges,
+    segment_heights,
+    smooth_bicubic,
+    with_boxes,
+)
 from saltus.heightmap.scan.training.seeded_random import SeededRandom
 
 DEEP = ("stones", "stones_line", "ditches")
@@ -41,7 +47,7 @@ def _strips(place: PatchPlaces, draws: SeededRandom) -> Tensor:
         draws.normal(1.0, place.n, k + 1).clamp(-2.0, 2.0)
         * draws.uniform(0.03, 0.2, place.n)[:, None]
     )
-    return _between_sides(profile(place.u, edges_of(runs, place), height), place, draws)
+    return _between_sides(segment_heights(place.u, edges_of(runs, place), height), place, draws)
 
 
 def _flights_of_stairs(place: PatchPlaces, draws: SeededRandom, u: Tensor) -> Tensor:
@@ -56,7 +62,7 @@ def _flights_of_stairs(place: PatchPlaces, draws: SeededRandom, u: Tensor) -> Te
     height = rises.cumsum(1)
     edges = edges_of(run * (1.0 + uneven).clamp(0.5, 1.5), place)
     middle = torch.searchsorted(edges, torch.zeros_like(edges[:, :1]))
-    return profile(u, edges, height - height.gather(1, middle))
+    return segment_heights(u, edges, height - height.gather(1, middle))
 
 
 def _stairs(place: PatchPlaces, draws: SeededRandom) -> Tensor:
@@ -74,7 +80,7 @@ def _ramps(place: PatchPlaces, draws: SeededRandom) -> Tensor:
     slope = draws.uniform(-0.5, 0.5, place.n, k) * draws.chance(0.7, place.n, k)
     edges, height = edges_of(runs, place), (slope * runs).cumsum(1)
     middle = height[:, k // 2, None]
-    return _between_sides(slopes(place.u, edges, height - middle), place, draws)
+    return _between_sides(linear_between_edges(place.u, edges, height - middle), place, draws)
 
 
 def _stones(place: PatchPlaces, draws: SeededRandom) -> Tensor:
@@ -123,7 +129,7 @@ def _by_turns(place: PatchPlaces, edges: Tensor, even: Tensor, odd: Tensor) -> T
     """
     k = edges.shape[1] + 1
     is_odd = torch.arange(k, device=edges.device) % 2 == 0  # segment i begins at edge i - 1
-    return profile(place.u, edges, torch.where(is_odd[None], odd, even))
+    return segment_heights(place.u, edges, torch.where(is_odd[None], odd, even))
 
 
 def _stones_line(place: PatchPlaces, draws: SeededRandom) -> Tensor:
@@ -164,12 +170,12 @@ def _rough(place: PatchPlaces, draws: SeededRandom) -> Tensor:
     raster = place.u.shape[-1]
     fine, coarse = (max(4, round(place.patch_m / m)) for m in (0.1, 0.3))
     spread = draws.uniform(0.005, 0.05, place.n)[:, None, None]
-    waves = smooth(draws.normal(1.0, place.n, coarse, coarse), raster)
-    return spread * (waves + 0.5 * smooth(draws.normal(1.0, place.n, fine, fine), raster))
+    waves = smooth_bicubic(draws.normal(1.0, place.n, coarse, coarse), raster)
+    return spread * (waves + 0.5 * smooth_bicubic(draws.normal(1.0, place.n, fine, fine), raster))
 
 
 def _hills(place: PatchPlaces, draws: SeededRandom) -> Tensor:
-    waves = smooth(draws.normal(1.0, place.n, 9, 9), place.u.shape[-1])
+    waves = smooth_bicubic(draws.normal(1.0, place.n, 9, 9), place.u.shape[-1])
     return draws.uniform(0.05, 0.35, place.n)[:, None, None] * waves
 
 

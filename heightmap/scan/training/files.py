@@ -50,7 +50,7 @@ class ScanTrainingProgress:
     """Learning rate."""
 
 
-def read_checkpoint(path: Path) -> dict[str, Any]:
+def read_scan_checkpoint(path: Path) -> dict[str, Any]:
     """The table that `Trainer.save` wrote, or `ModelError`."""
     try:
         table = torch.load(path, map_location="cpu", weights_only=True)

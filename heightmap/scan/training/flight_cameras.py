@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from saltus.heightmap.scan.training.pose_tables import rotation
+from saltus.heightmap.scan.training.pose_tables import rotation_of_angles
 from saltus.heightmap.scan.training.seeded_random import SeededRandom
 from saltus.heightmap.scan.training.settings import FlightSettings
 
@@ -76,9 +76,11 @@ def draw_cameras(
     roll = _roll(n, settings, draws)
     yaw = torch.stack((side, torch.where(two, other, side)), 1)
     pitch = torch.stack((down[:, 0], torch.where(two, down[:, 1], down[:, 0])), 1)
-    looks = rotation(torch.stack((torch.zeros_like(pitch), pitch, yaw), -1))
+    looks = rotation_of_angles(torch.stack((torch.zeros_like(pitch), pitch, yaw), -1))
     axes = torch.tensor(_FORWARD, device=draws.device)
-    turn = rotation(torch.stack((torch.zeros_like(roll), torch.zeros_like(roll), roll), -1))
+    turn = rotation_of_angles(
+        torch.stack((torch.zeros_like(roll), torch.zeros_like(roll), roll), -1)
+    )
     known = looks @ axes @ turn[:, None]
 
     def each(values: Tensor) -> Tensor:
@@ -93,7 +95,7 @@ def draw_cameras(
     )
     errors = settings.errors
     unknown = draws.uniform(*settings.calibration, n) * errors
-    off = rotation(each(draws.normal(CALIBRATION_RAD, n, 2, 3) * unknown[:, None, None]))
+    off = rotation_of_angles(each(draws.normal(CALIBRATION_RAD, n, 2, 3) * unknown[:, None, None]))
     fov = torch.deg2rad(draws.log_uniform(*settings.fov_deg, n))
     half = 0.5 * fov
     return FlightCameras(

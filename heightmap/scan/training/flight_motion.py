@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from saltus.heightmap.scan.training.ground_patches import GroundPatches, nearest_heights
-from saltus.heightmap.scan.training.pose_tables import STEP_S, rotation
+from saltus.heightmap.scan.training.pose_tables import STEP_S, rotation_of_angles
 from saltus.heightmap.scan.training.seeded_random import SeededRandom
 from saltus.heightmap.scan.training.settings import GAITS, FlightSettings
 
@@ -212,4 +212,4 @@ def in_base(points: Tensor, position: Tensor, angles: Tensor) -> Tensor:
     """Points (robots, n, 3) of the world in the frame of a base
     at (robots, 3) with angles (robots, 3).
     """
-    return (points - position[:, None]) @ rotation(angles)
+    return (points - position[:, None]) @ rotation_of_angles(angles)

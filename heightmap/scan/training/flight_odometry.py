@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from saltus.heightmap.scan.training.flight_motion import FlightMotion
-from saltus.heightmap.scan.training.pose_tables import STEP_S, turned
+from saltus.heightmap.scan.training.pose_tables import STEP_S, turn_by_yaw
 from saltus.heightmap.scan.training.seeded_random import SeededRandom
 from saltus.heightmap.scan.training.settings import FlightSettings
 
@@ -73,4 +73,4 @@ def draw_odometry(
 
 def _turned(xy: Tensor, yaw: Tensor) -> Tensor:
     n, steps, _ = xy.shape
-    return turned(xy.reshape(n * steps, 1, 2), yaw.reshape(-1)).view(n, steps, 2)
+    return turn_by_yaw(xy.reshape(n * steps, 1, 2), yaw.reshape(-1)).view(n, steps, 2)

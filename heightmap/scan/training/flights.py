@@ -8,14 +8,14 @@ from typing import NamedTuple, TypeVar
 import torch
 from torch import Tensor
 
-from saltus.heightmap.scan.cells import centres
+from saltus.heightmap.scan.cells import cell_centres
 from saltus.heightmap.scan.elevation import ElevationMap, MapContext, MapUpdate, OdometryPoses
 from saltus.heightmap.scan.settings import MapSettings
 from saltus.heightmap.scan.training.flight_cameras import FlightCameras, draw_cameras, with_errors
 from saltus.heightmap.scan.training.flight_motion import FEET, FlightMotion, draw_motion, in_base
 from saltus.heightmap.scan.training.flight_odometry import FlightOdometry, draw_odometry
 from saltus.heightmap.scan.training.ground_patches import GroundPatches, draw_ground, heights_at
-from saltus.heightmap.scan.training.pose_tables import at, rotation, turned
+from saltus.heightmap.scan.training.pose_tables import rotation_of_angles, turn_by_yaw, values_at
 from saltus.heightmap.scan.training.raster_rays import first_hits
 from saltus.heightmap.scan.training.seeded_random import SeededRandom
 from saltus.heightmap.scan.training.settings import FlightSettings
@@ -100,17 +100,17 @@ def draw_flight(robots: int, settings: FlightSettings, draws: SeededRandom) -> F
     )
 
 
-def redrawn(flight: Batch, rows: Tensor, other: Batch) -> Batch:
+def redraw_robots(flight: Batch, rows: Tensor, other: Batch) -> Batch:
     """Puts what is drawn of other robots in place of some, in place."""
     for mine, new in zip(flight, other, strict=True):
         if isinstance(mine, Tensor):
             mine[rows] = new
         else:
-            redrawn(mine, rows, new)
+            redraw_robots(mine, rows, new)
     return flight
 
 
-def shoot(
+def next_image(
     flight: FlightDraws, settings: FlightSettings, draws: SeededRandom, march: RayMarch = first_hits
 ) -> FlightImage:
     """The next image of every robot; the flight's number of images goes on."""
@@ -118,12 +118,13 @@ def shoot(
     now_s = exposed_s + flight.latency_s
     flight.image.add_(1)
     points, depth, hits = _image(flight, exposed_s, settings, draws, march)
-    position, angles = (at(table, now_s) for table in flight.motion[:2])
+    position, angles = (values_at(table, now_s) for table in flight.motion[:2])
     feet, standing = _feet(flight, now_s, position, angles, draws)
-    believed = at(flight.odometry.angles, now_s)
-    now = OdometryPoses(at(flight.odometry.position, now_s), rotation(believed))
+    believed = values_at(flight.odometry.angles, now_s)
+    now = OdometryPoses(values_at(flight.odometry.position, now_s), rotation_of_angles(believed))
     then = OdometryPoses(
-        at(flight.odometry.position, exposed_s), rotation(at(flight.odometry.angles, exposed_s))
+        values_at(flight.odometry.position, exposed_s),
+        rotation_of_angles(values_at(flight.odometry.angles, exposed_s)),
     )
     measured = MapUpdate(
         points, depth, then, now, feet, standing, flight.told_height, exposed_s,
@@ -142,8 +143,8 @@ def _image(
     """Points in the base as measured [m], their depth [m] and where the rays truly ended [m]."""
     cameras, n = flight.cameras, len(exposed_s)
     base, turn = (
-        at(flight.motion.position, exposed_s),
-        rotation(at(flight.motion.angles, exposed_s)),
+        values_at(flight.motion.position, exposed_s),
+        rotation_of_angles(values_at(flight.motion.angles, exposed_s)),
     )
     origin = base[:, None] + (turn[:, None] @ cameras.true_position[..., None])[..., 0]
     rays = cameras.rays @ (turn[:, None] @ cameras.true_rotation).mT
@@ -174,7 +175,7 @@ def _feet(
     )
 
 
-def true_heights(
+def true_map_heights(
     flight: FlightDraws, shot: FlightImage, state: ElevationMap, around: MapContext,
     map_settings: MapSettings,
     settings: FlightSettings,
@@ -185,12 +186,12 @@ def true_heights(
     Heights are relative to the base, which the robot believes at `around.base` and at its believed
     yaw.
     """
-    x, y = centres(state.corner, map_settings, around.base)
+    x, y = cell_centres(state.corner, map_settings, around.base)
     side = map_settings.side
     offset = torch.stack(
         torch.broadcast_tensors(x - around.base[:, :1, None], y - around.base[:, 1:2, None]), -1
     )
-    place = turned(offset.reshape(len(offset), -1, 2), shot.angles[:, 2] - shot.believed_yaw)
+    place = turn_by_yaw(offset.reshape(len(offset), -1, 2), shot.angles[:, 2] - shot.believed_yaw)
     place = place + shot.position[:, None, :2]
     ground = heights_at(flight.ground.height, place[..., 0], place[..., 1], settings.raster_m)
     rise = around.base[:, 2] - shot.position[:, 2]

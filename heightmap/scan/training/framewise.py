@@ -8,13 +8,13 @@ kept, which gets less sure with time. The pose is corrected as that of the best 
 from dataclasses import replace
 
 from saltus.arrays import Array, namespace
-from saltus.heightmap.scan.cells import moved
+from saltus.heightmap.scan.cells import move_window
 from saltus.heightmap.scan.elevation import (
     WIDEST,
     ElevationMap,
     MapContext,
     MapUpdate,
-    advanced,
+    advance_map,
     new_map,
 )
 from saltus.heightmap.scan.network_inputs import MapHeights, ScanInputs, inputs_of
@@ -28,11 +28,11 @@ def of_image(
     at the pose that `state` has corrected.
     """
     blank = new_map(len(now_s), settings, state.height)._replace(correction=state.correction)
-    alone, around = advanced(blank, measured, replace(settings, matching=False, foot_gain=0.0))
+    alone, around = advance_map(blank, measured, replace(settings, matching=False, foot_gain=0.0))
     return alone, inputs_of(alone, around, now_s, measured), around
 
 
-def kept(
+def heights_kept(
     state: ElevationMap,
     corner: Array,
     told: MapHeights,
@@ -47,7 +47,7 @@ def kept(
     """
     xp = namespace(told.height)
     by = (state.corner - corner) * settings.sub
-    height, width = moved(told.height, by, 0.0), moved(told.half_width, by, WIDEST)
+    height, width = move_window(told.height, by, 0.0), move_window(told.half_width, by, WIDEST)
     older = (state.told_width**2 + (settings.drift * images_apart_s[:, None, None]) ** 2) ** 0.5
     surer = width < older
     return MapHeights(xp.where(surer, height, state.told), xp.where(surer, width, older))

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from saltus.heightmap.scan.training.families import DEEP, KINDS
 from saltus.heightmap.scan.training.patch_places import PatchPlaces
-from saltus.heightmap.scan.training.rasters import smooth, with_boxes
+from saltus.heightmap.scan.training.rasters import smooth_bicubic, with_boxes
 from saltus.heightmap.scan.training.seeded_random import SeededRandom
 from saltus.heightmap.scan.training.settings import FAMILIES, FlightSettings
 
@@ -63,10 +63,10 @@ def _bumps(robots: int, settings: FlightSettings, draws: SeededRandom) -> Tensor
     fine = draws.uniform(0.0, 0.01, robots) * draws.chance(0.4, robots)
     slow = draws.uniform(0.0, 0.12, robots) * draws.chance(0.2, robots)
     side, raster = settings.patch_m, settings.raster
-    waves = smooth(draws.normal(1.0, robots, 8, 8), raster) * slow[:, None, None]
+    waves = smooth_bicubic(draws.normal(1.0, robots, 8, 8), raster) * slow[:, None, None]
     return (
         waves
-        + smooth(
+        + smooth_bicubic(
             draws.normal(1.0, robots, max(4, round(side / 0.08)), max(4, round(side / 0.08))),
             raster,
         )

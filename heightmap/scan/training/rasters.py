@@ -11,14 +11,14 @@ TOGETHER = 8
 """Boxes that are drawn at once: many small calls take a GPU longer than a few large ones."""
 
 
-def smooth(values: Tensor, raster: int) -> Tensor:
+def smooth_bicubic(values: Tensor, raster: int) -> Tensor:
     """Bicubic through a coarse grid of values: (n, k, k) -> (n, raster, raster)."""
     return functional.interpolate(
         values[:, None], size=(raster, raster), mode="bicubic", align_corners=True
     )[:, 0]
 
 
-def profile(u: Tensor, edges: Tensor, height: Tensor) -> Tensor:
+def segment_heights(u: Tensor, edges: Tensor, height: Tensor) -> Tensor:
     """Height of the segment in which each place lies.
 
     Args:
@@ -30,7 +30,7 @@ def profile(u: Tensor, edges: Tensor, height: Tensor) -> Tensor:
     return height.gather(1, index).view_as(u)
 
 
-def slopes(u: Tensor, edges: Tensor, height: Tensor) -> Tensor:
+def linear_between_edges(u: Tensor, edges: Tensor, height: Tensor) -> Tensor:
     """Linear between heights at the edges, both of shape (n, k), held beyond."""
     index = torch.searchsorted(edges, u.flatten(1).contiguous()).clamp(1, edges.shape[1] - 1)
     left, right = edges.gather(1, index - 1), edges.gather(1, index)

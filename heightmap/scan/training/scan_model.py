@@ -205,7 +205,7 @@ def _candidates(filled: Tensor, measured: Tensor, memory: Tensor) -> Tensor:
     return torch.stack((*around, *own, filled.amin((1, 2), keepdim=True) - filled), 1)
 
 
-def told(model: Callable[..., Any], inputs: ScanInputs, filled: Tensor) -> MapHeights:
+def told_heights(model: Callable[..., Any], inputs: ScanInputs, filled: Tensor) -> MapHeights:
     """Height and half-width that the network tells of each cell,
     in the world of `filled` (batch, side, side) [m].
     """
@@ -213,7 +213,7 @@ def told(model: Callable[..., Any], inputs: ScanInputs, filled: Tensor) -> MapHe
     return MapHeights(filled + height, half_width)
 
 
-def loss(
+def scan_loss(
     estimate: MapHeights, truth: Tensor, weight: Tensor, spread: Tensor | None = None
 ) -> Tensor:
     """Absolute error, and how far half-widths are from holding nine of ten errors,

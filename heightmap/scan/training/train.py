@@ -13,23 +13,27 @@ from torch.nn import functional
 
 from saltus.errors import ModelError
 from saltus.files import atomic_write
-from saltus.heightmap.scan.cells import centres
+from saltus.heightmap.scan.cells import cell_centres
 from saltus.heightmap.scan.elevation import (
     ElevationMap,
     MapContext,
     new_map,
 )
-from saltus.heightmap.scan.network_inputs import MEASURED, MapHeights, remembered
+from saltus.heightmap.scan.network_inputs import MEASURED, MapHeights, remember_told
 from saltus.heightmap.scan.settings import MapSettings
 from saltus.heightmap.scan.training.cuda_graph import CudaGraph
-from saltus.heightmap.scan.training.examples import UpdateCalls, example
-from saltus.heightmap.scan.training.files import ScanTrainingProgress, read_checkpoint, write_row
+from saltus.heightmap.scan.training.examples import UpdateCalls, next_example
+from saltus.heightmap.scan.training.files import (
+    ScanTrainingProgress,
+    read_scan_checkpoint,
+    write_row,
+)
 from saltus.heightmap.scan.training.flights import (
     draw_flight,
-    redrawn,
+    redraw_robots,
 )
 from saltus.heightmap.scan.training.gradient_limits import GradientLimits
-from saltus.heightmap.scan.training.scan_model import ScanModel, loss
+from saltus.heightmap.scan.training.scan_model import ScanModel, scan_loss
 from saltus.heightmap.scan.training.seeded_random import SeededRandom
 from saltus.heightmap.scan.training.settings import ScanTrainSettings
 
@@ -146,8 +150,10 @@ class ScanTrainer:
     def _renew(self, rows: Tensor) -> None:
         settings = self.settings
         with torch.no_grad():
-            redrawn(self._flight, rows, draw_flight(len(rows), settings.flight, self._draws))
-            redrawn(self._state, rows, new_map(len(rows), settings.map, self._flight.ground.height))
+            redraw_robots(self._flight, rows, draw_flight(len(rows), settings.flight, self._draws))
+            redraw_robots(
+                self._state, rows, new_map(len(rows), settings.map, self._flight.ground.height)
+            )
 
     def _update(self) -> None:
         """One image of every robot, and one step down.
@@ -156,7 +162,7 @@ class ScanTrainer:
         """
         settings, state = self.settings, self._state
         with torch.no_grad():
-            state, inputs, around, truth = example(
+            state, inputs, around, truth = next_example(
                 self._flight, state, settings, self._draws, self._calls
             )
             known = inputs.measured[:, MEASURED.index("known")]
@@ -167,7 +173,7 @@ class ScanTrainer:
         with torch.autocast(self.device.type, torch.bfloat16, enabled=on_gpu, cache_enabled=False):
             height, half_width, spread = self._calls.model(*inputs, truth - around.filled)
         estimate = MapHeights(around.filled + height, half_width)
-        value = loss(estimate, truth, weight, spread if settings.network.choice else None)
+        value = scan_loss(estimate, truth, weight, spread if settings.network.choice else None)
         self.optimiser.zero_grad(set_to_none=True)
         value.backward()
         clipped = self._limits.clip(settings.gradient_norm)
@@ -176,7 +182,7 @@ class ScanTrainer:
             for mine, new in zip(self.average.parameters(), self.model.parameters(), strict=True):
                 mine.lerp_(new, self._forgets)
             estimate = MapHeights(estimate.height.detach(), estimate.half_width.detach())
-            for mine, new in zip(self._state, remembered(state, estimate), strict=True):
+            for mine, new in zip(self._state, remember_told(state, estimate), strict=True):
                 mine.copy_(new)
             self._totals += torch.nan_to_num(
                 torch.cat(
@@ -233,7 +239,7 @@ class ScanTrainer:
         Raises:
             ModelError: the file is none, or of another training.
         """
-        table = read_checkpoint(path)
+        table = read_scan_checkpoint(path)
         if table["settings"] != self.settings.to_toml():
             raise ModelError(
                 f"{path} is of a training with other settings: name another folder with --out"
@@ -259,7 +265,7 @@ def _groups(model: ScanModel) -> dict[str, list[Tensor]]:
     return {name: weights for name, weights in groups.items() if weights}
 
 
-def train(
+def train_scan(
     settings: ScanTrainSettings, folder: Path, *, minutes: float | None = None,
     updates: int | None = None,
     device: torch.device, compiled: bool = False,
@@ -325,7 +331,7 @@ def _schedule(share: float) -> float:
 def _weight(
     state: ElevationMap, seen_cells: Tensor, around: MapContext, settings: MapSettings
 ) -> Tensor:
-    x, y = centres(state.corner, settings, around.base)
+    x, y = cell_centres(state.corner, settings, around.base)
     away = (x - around.base[:, :1, None]) ** 2 + (y - around.base[:, 1:2, None]) ** 2
     near = torch.where(away < NEAR_M**2, 1.0, 0.5)
     return near * torch.where(seen_cells, 1.0, UNSEEN)

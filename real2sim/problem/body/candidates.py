@@ -23,8 +23,8 @@ from saltus.real2sim.problem.problem import (
     Candidate,
     Unknown,
     UnknownCoordinates,
-    candidate,
-    sought,
+    make_candidate,
+    parameter_unknown,
 )
 from saltus.recordings.run_log import RunLog
 
@@ -81,13 +81,17 @@ class BodyClaims:
 def trunk_candidates() -> tuple[Candidate, ...]:
     """Candidates for the mass of the trunk and what it carries."""
     return (
-        candidate("payload_mass", sought("mass", 0.4), where="trunk"),
-        candidate("com_offset", *(sought(axis, 0.01) for axis in "xyz"), where="trunk"),
-        candidate("base_inertia", sought("scale", 0.8), where="trunk"),
+        make_candidate("payload_mass", parameter_unknown("mass", 0.4), where="trunk"),
+        make_candidate(
+            "com_offset", *(parameter_unknown(axis, 0.01) for axis in "xyz"), where="trunk"
+        ),
+        make_candidate("base_inertia", parameter_unknown("scale", 0.8), where="trunk"),
     )
 
 
-def candidates(claims: BodyClaims, slips_at: float, calf_limit: float) -> tuple[Candidate, ...]:
+def body_candidates(
+    claims: BodyClaims, slips_at: float, calf_limit: float
+) -> tuple[Candidate, ...]:
     """The effects that motion of the base can show.
 
     Args:
@@ -102,7 +106,7 @@ def candidates(claims: BodyClaims, slips_at: float, calf_limit: float) -> tuple[
     lowest = min(claims.softness(SMALLEST_TIME_CONSTANT_S), 0.0)
     return (
         *trunk_candidates(),
-        candidate(
+        make_candidate(
             "foot_friction",
             Unknown(
                 "less",
@@ -116,7 +120,7 @@ def candidates(claims: BodyClaims, slips_at: float, calf_limit: float) -> tuple[
                 unknowns=lambda values: (claims.friction - values["coefficient"],),
             ),
         ),
-        candidate(
+        make_candidate(
             "contact_compliance",
             Unknown("softness", lowest, highest, 2.0),
             where="feet",
@@ -127,11 +131,16 @@ def candidates(claims: BodyClaims, slips_at: float, calf_limit: float) -> tuple[
                 unknowns=lambda values: (claims.softness(values["time_constant"]),),
             ),
         ),
-        candidate("soft_feet", sought("torsion", 0.01), sought("rolling", 0.005), where="feet"),
-        candidate("torque_gain", sought("gain", 0.02), where="joints"),
-        candidate("battery_sag", sought("loss_at_end", 0.04), where="joints"),
-        candidate("command_delay", sought("delay", 0.004), where="joints"),
-        candidate(
+        make_candidate(
+            "soft_feet",
+            parameter_unknown("torsion", 0.01),
+            parameter_unknown("rolling", 0.005),
+            where="feet",
+        ),
+        make_candidate("torque_gain", parameter_unknown("gain", 0.02), where="joints"),
+        make_candidate("battery_sag", parameter_unknown("loss_at_end", 0.04), where="joints"),
+        make_candidate("command_delay", parameter_unknown("delay", 0.004), where="joints"),
+        make_candidate(
             "torque_saturation",
             Unknown("loss", 0.0, 0.95, 0.2),
             Unknown("corner", 3.0, 35.0, 2.0, is_shape=True),
@@ -142,15 +151,15 @@ def candidates(claims: BodyClaims, slips_at: float, calf_limit: float) -> tuple[
                 unknowns=lambda _: (0.0, CORNERS_NM[0]),  # what a profile has is held, not fitted
             ),
         ),
-        candidate("viscous_friction", sought("coefficient", 0.05), where="joints"),
-        candidate("coulomb_friction", sought("torque", 0.1), where="joints"),
-        candidate(
+        make_candidate("viscous_friction", parameter_unknown("coefficient", 0.05), where="joints"),
+        make_candidate("coulomb_friction", parameter_unknown("torque", 0.1), where="joints"),
+        make_candidate(
             "drive_rate", Unknown("continuous", 0.0, 1.0, 1.0), is_nuisance=True, where="joints"
         ),
         # Of a contact a log claims friction and time constant; engines want more to be said, and a
         # step of time. By how much a contact gives way is no unknown of its own: a ground of twice
         # the time constant gives way as one does whose impedance leaves four times as much
-        candidate(
+        make_candidate(
             "contact_solver",
             Unknown("creep", -LARGEST_CREEP, LARGEST_CREEP, 0.5),
             Unknown("fineness", 0.0, 1.0, 1.0),

@@ -36,7 +36,7 @@ SIGNALS = (
     ),
     *(f"{signal}_{joint}" for signal in ("q", "dq") for joint in JOINTS),
 )
-"""Along the heading and in the base frame, see `errors`."""
+"""Along the heading and in the base frame, see `signal_errors`."""
 KIND_OF_SIGNAL = np.array([0] * 3 + [1] * 3 + [2] * 3 + [3] * 12 + [4] * 12)
 """Shape (33,): base position, tilt and heading, velocity, joints, joint velocities."""
 SMALLEST = np.array([2e-5, 2e-5, 2e-4, 1e-5, 5e-4])
@@ -74,7 +74,7 @@ class BodyNoise:
         return np.concatenate([scaled[..., :1, :], later], axis=-2)
 
 
-def errors(measured: Floats, simulated: Floats) -> Floats:
+def signal_errors(measured: Floats, simulated: Floats) -> Floats:
     """Measured minus simulated in 33 signals.
 
     Args:
@@ -85,7 +85,7 @@ def errors(measured: Floats, simulated: Floats) -> Floats:
         Position of the base along the measured heading, rotation vector in the base frame, velocity
         along the heading, joints, joint velocities; shape (..., 33).
     """
-    quaternion = quaternions.normalised(measured[..., 3:7])
+    quaternion = quaternions.normalise_quaternions(measured[..., 3:7])
     rotation = rotation_matrix(quaternion)
     along = rotation[..., :2, 0] / np.linalg.norm(rotation[..., :2, 0], axis=-1, keepdims=True)
     c, s = along[..., 0], along[..., 1]
@@ -98,7 +98,7 @@ def errors(measured: Floats, simulated: Floats) -> Floats:
             vector[..., 2],
         ]
 
-    model = quaternions.normalised(simulated[..., 3:7])
+    model = quaternions.normalise_quaternions(simulated[..., 3:7])
     w, v = model[..., :1], model[..., 1:]
     tilt = 2.0 * (
         w * quaternion[..., 1:] - quaternion[..., :1] * v - np.cross(v, quaternion[..., 1:])
@@ -112,7 +112,7 @@ def errors(measured: Floats, simulated: Floats) -> Floats:
     return np.concatenate([*parts, moved[..., 7:19], moved[..., 22:]], axis=-1)
 
 
-def read_noise(log: RunLog) -> BodyNoise:
+def read_body_noise(log: RunLog) -> BodyNoise:
     """Noise of the signals of a log with a measured base, from what is too quick for a body."""
     joints, base = log.joints, log.base
     if base is None:
@@ -125,7 +125,10 @@ def read_noise(log: RunLog) -> BodyNoise:
         (joints.time_s, joints.q if joints.dq is None else joints.dq),
     ]
     found = np.array(
-        [stream_noise.read_noise(*stream).of_means(BLOCK_STEPS * PHYSICS_DT) for stream in streams]
+        [
+            stream_noise.read_stream_noise(*stream).of_means(BLOCK_STEPS * PHYSICS_DT)
+            for stream in streams
+        ]
     )
     return BodyNoise(sigma=np.maximum(found[:, 0], SMALLEST), correlation=found[:, 1])
 
@@ -227,7 +230,7 @@ class StartNoise:
             Shapes (k, w, 19) and (k, w, 18).
         """
         change = np.broadcast_to(by * self.sigma, (len(by), len(qpos), 36))
-        quaternion = quaternions.turned(
+        quaternion = quaternions.turn_slightly(
             np.broadcast_to(qpos[:, 3:7], (*change.shape[:2], 4)), change[..., 3:6]
         )
         joints = qpos[:, 7:] + change[..., 12:24]

@@ -22,7 +22,7 @@ from saltus.real2sim.problem.body.candidates import (
     CALF,
     FRICTION_RANGE,
     BodyClaims,
-    candidates,
+    body_candidates,
     on_top_of,
     rig_of,
 )
@@ -32,20 +32,26 @@ from saltus.real2sim.problem.body.noise import (
     BodyWhitening,
     StartNoise,
     WindowStarts,
-    errors,
-    read_noise,
+    read_body_noise,
+    signal_errors,
 )
 from saltus.real2sim.problem.body.replay import (
     BodyReplay,
     BodySimulation,
     Limit,
     Pull,
-    finer,
-    likeliest,
+    finer_solvers,
+    likeliest_solver,
 )
 from saltus.real2sim.problem.body.windows import BLOCKS, BodyWindows, body_windows
 from saltus.real2sim.problem.joints.torque_curve import fitted_to
-from saltus.real2sim.problem.log import boxes_of, model_of, robot_of, segments_of, torque_limits
+from saltus.real2sim.problem.log import (
+    boxes_of,
+    claimed_model,
+    robot_of,
+    segments_of,
+    torque_limits,
+)
 from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, LEAST_SIGMA, Candidate, Problem
 from saltus.recordings.run_log import RunLog
 from saltus.sim.free_robots import ContactSolver
@@ -151,14 +157,14 @@ class BodyProblem(Problem):
             )
         self.segments = segments_of(log)
         self._windows = body_windows(log, self.segments)
-        self.model, self._held = model_of(log), tuple[Limit | Pull, ...]()
+        self.model, self._held = claimed_model(log), tuple[Limit | Pull, ...]()
         self._robot, self._claims = robot_of(log), BodyClaims.of(log)
         # Until it is known where feet slip
         self.candidates = self._candidates(0.5 * self._claims.friction)
         self._boxes = boxes_of(log)
         self._span_s = float(log.joints.time_s[0]), float(log.joints.time_s[-1])
         self._index()
-        noise = read_noise(log)
+        noise = read_body_noise(log)
         self._ground = self._likeliest(noise)
         self._replay = self._replayed(self._ground)
         self._prepare(noise, has_gyro=log.imu is not None)
@@ -196,7 +202,7 @@ class BodyProblem(Problem):
         return np.clip(whitened.reshape(len(unknowns), 1, -1), -LARGEST_RESIDUAL, LARGEST_RESIDUAL)
 
     def _candidates(self, slips_at: float) -> tuple[Candidate, ...]:
-        return candidates(self._claims, slips_at, self._calf_limit)
+        return body_candidates(self._claims, slips_at, self._calf_limit)
 
     @property
     def _calf_limit(self) -> float:
@@ -282,10 +288,10 @@ class BodyProblem(Problem):
             rig.body.contact_time_constant.T[:] *= softer
             rig.body.friction.T[:] *= rougher
             rig.body.rolling.T[:] += rolling
-            error = errors(windows.measured[some], replayed(solver).states(rig))
+            error = signal_errors(windows.measured[some], replayed(solver).states(rig))
             return np.asarray(np.mean(noise.plain(_finite(error)) ** 2, axis=(2, 3)))
 
-        return likeliest(squares)
+        return likeliest_solver(squares)
 
     def _whitening(self, noise: BodyNoise, *, has_gyro: bool) -> BodyWhitening:
         """Moves the starts of the windows to where they are likeliest.
@@ -337,7 +343,7 @@ class BodyProblem(Problem):
         claimed = self._errors(self._replay.states(rig))[0]
         half, quarter = (
             self._errors(self._replayed(way).states(rig))[0] - claimed
-            for way in finer(self._ground)
+            for way in finer_solvers(self._ground)
         )
         self._time_step_error = QUARTER_TO_NONE * quarter
         return np.asarray((quarter - HALF_TO_QUARTER * half) ** 2)
@@ -359,7 +365,7 @@ class BodyProblem(Problem):
 
     def _errors(self, states: Floats) -> Floats:
         """Shape (n, w, BLOCKS, 33); a simulation that diverged is as far off as can be."""
-        return _finite(errors(self._windows.measured, states))
+        return _finite(signal_errors(self._windows.measured, states))
 
 
 def _finite(error: Floats) -> Floats:

@@ -52,7 +52,7 @@ TRIES = 8
 time constant looks worse than another way to compute contacts."""
 
 
-def likeliest(squares: Callable[[ContactSolver, Floats], Floats]) -> ContactSolver:
+def likeliest_solver(squares: Callable[[ContactSolver, Floats], Floats]) -> ContactSolver:
     """The way to compute contacts with which a log agrees best, whatever else its robot has.
 
     It is the scene's own where no other is clearly better. The step of time is judged last.
@@ -95,7 +95,7 @@ def _least(left: Callable[..., Floats], which: int) -> float:
     return min(float(scanned[best]), float(found.fun))
 
 
-def finer(ground: ContactSolver) -> Sequence[ContactSolver]:
+def finer_solvers(ground: ContactSolver) -> Sequence[ContactSolver]:
     """Copies of a solver of contacts with half and with a quarter of its step."""
     return replace(ground, substeps=2 * ground.substeps), replace(
         ground, substeps=4 * ground.substeps

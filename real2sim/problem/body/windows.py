@@ -15,7 +15,7 @@ from saltus.arrays import Floats, Indices
 from saltus.constants import PHYSICS_DT, POLICY_STEPS
 from saltus.errors import RecordingError
 from saltus.real2sim.problem import quaternions
-from saltus.real2sim.problem.log import commanded_torque, gains, sampled
+from saltus.real2sim.problem.log import claimed_gains, commanded_torque, interpolate_columns
 from saltus.real2sim.problem.problem import LogSegment
 from saltus.recordings.run_log import RunLog
 
@@ -96,10 +96,12 @@ class SegmentTrack:
 
 def body_windows(log: RunLog, segments: Sequence[LogSegment]) -> BodyWindows:
     """Cuts a log with a measured base; `RecordingError` where no segment of it is long enough."""
-    kp, kd = gains(log)
+    kp, kd = claimed_gains(log)
     drive = commanded_torque(log)
     starts = _starts(segments)
-    tracks = {i: on_time(track(log, segments[i])) for i in {segment for segment, _ in starts}}
+    tracks = {
+        i: on_time(segment_track(log, segments[i])) for i in {segment for segment, _ in starts}
+    }
     parts = []
     for segment, start in starts:
         now = tracks[segment]
@@ -117,7 +119,7 @@ def body_windows(log: RunLog, segments: Sequence[LogSegment]) -> BodyWindows:
     return BodyWindows(**dict(zip(BY_WINDOW, columns, strict=True)), kp=kp, kd=kd)
 
 
-def track(log: RunLog, segment: LogSegment) -> SegmentTrack:
+def segment_track(log: RunLog, segment: LogSegment) -> SegmentTrack:
     """Signals of a segment at every physics step; slower streams are interpolated."""
     joints, base = log.joints, log.base
     if base is None:
@@ -126,18 +128,24 @@ def track(log: RunLog, segment: LogSegment) -> SegmentTrack:
         (joints.time_s >= segment.start_s - 1e-6) & (joints.time_s <= segment.end_s + 1e-6)
     ]
     time_s = np.arange(rows[0], rows[-1] + 0.5 * PHYSICS_DT, PHYSICS_DT)
-    position = sampled(time_s, base.time_s, base.values[:, :3])
-    turn = quaternions.normalised(
-        sampled(time_s, base.time_s, quaternions.continuous(base.values[:, 3:7]))
+    position = interpolate_columns(time_s, base.time_s, base.values[:, :3])
+    turn = quaternions.normalise_quaternions(
+        interpolate_columns(
+            time_s, base.time_s, quaternions.continuous_quaternions(base.values[:, 3:7])
+        )
     )
-    q = sampled(time_s, joints.time_s, joints.q)
+    q = interpolate_columns(time_s, joints.time_s, joints.q)
     dq = (
         np.gradient(q, PHYSICS_DT, axis=0)
         if joints.dq is None
-        else sampled(time_s, joints.time_s, joints.dq)
+        else interpolate_columns(time_s, joints.time_s, joints.dq)
     )
-    velocity = sampled(time_s, base.time_s, base.values[:, 7:10])
-    gyro = None if log.imu is None else sampled(time_s, log.imu.time_s, log.imu.values[:, 4:7])
+    velocity = interpolate_columns(time_s, base.time_s, base.values[:, 7:10])
+    gyro = (
+        None
+        if log.imu is None
+        else interpolate_columns(time_s, log.imu.time_s, log.imu.values[:, 4:7])
+    )
     return SegmentTrack(
         time_s=time_s, states=np.concatenate([position, turn, q, velocity, dq], axis=1), gyro=gyro
     )

@@ -11,8 +11,8 @@ from saltus.real2sim.problem.problem import (
     Candidate,
     Unknown,
     UnknownCoordinates,
-    candidate,
-    sought,
+    make_candidate,
+    parameter_unknown,
 )
 
 GEOMETRY = 0.95
@@ -21,7 +21,7 @@ GEOMETRY = 0.95
 FLOOR = 1.3e-3  # 1/m: noise of a D435 over z^2 (plane fits on real frames)
 
 
-_candidate = partial(candidate, where="camera")
+_candidate = partial(make_candidate, where="camera")
 
 
 def camera_candidates(
@@ -52,14 +52,14 @@ def camera_candidates(
             ),
         ),
         *(
-            _candidate(n, sought("offset", 1e-3), least_closed=GEOMETRY)
+            _candidate(n, parameter_unknown("offset", 1e-3), least_closed=GEOMETRY)
             for n in ("camera_pitch", "camera_height")
         ),
         *(
-            _candidate(n, sought("scale", 3e-3), least_closed=GEOMETRY)
+            _candidate(n, parameter_unknown("scale", 3e-3), least_closed=GEOMETRY)
             for n in ("camera_fov", "depth_scale")
         ),
-        _candidate("depth_bias", sought("bias", 1e-3), least_closed=GEOMETRY),
+        _candidate("depth_bias", parameter_unknown("bias", 1e-3), least_closed=GEOMETRY),
         # of what lies beyond the end, how much is cut; where the end is, images say themselves
         _candidate(
             "range_clip",
@@ -82,8 +82,8 @@ def camera_candidates(
                 unknowns=lambda values: ((values["subpixel_sigma"] / sigma_px) ** 2,),
             ),
         ),
-        _candidate("edge_holes", sought("width", 0.3)),
-        _candidate("hole_fill", sought("reach", 0.3)),
+        _candidate("edge_holes", parameter_unknown("width", 0.3)),
+        _candidate("hole_fill", parameter_unknown("reach", 0.3)),
         # the square root of a share has a scatter that does not depend on the share
         _candidate(
             "frame_drop",

@@ -17,11 +17,11 @@ from saltus.real2sim.problem.camera.edges import (
     MOST_HOLES,
     SURE,
     edge_counts,
-    filled,
+    filled_share,
     plain_pixels,
     reach_px,
 )
-from saltus.real2sim.problem.camera.log_images import CameraData, owners
+from saltus.real2sim.problem.camera.log_images import CameraData, segment_indices
 from saltus.real2sim.problem.camera.noise_parts import NoiseParts, noise_parts
 
 # Of the logarithm of noise from camera to camera: plane fits on real frames differ by as much
@@ -253,7 +253,7 @@ def _filled_rows(data: CameraData, view: DenseView) -> list[CountRow]:
     if not noise_m.size or float(np.median(noise_m)) < LEAST_NOISE_M:
         return []
     plain = plain_pixels(view.predicted_m, view.measured_mm, view.range_m)
-    copies = filled(view.predicted_m, view.measured_mm, plain, view.clip_mm)
+    copies = filled_share(view.predicted_m, view.measured_mm, plain, view.clip_mm)
     hole = plain & (view.measured_mm == 0)
     if copies is None or not plain.any():
         return []
@@ -288,7 +288,7 @@ def _filled_rows(data: CameraData, view: DenseView) -> list[CountRow]:
 
 
 def _lost_rows(data: CameraData) -> list[CountRow]:
-    owner = owners(data.frames.due_s, data.segments)
+    owner = segment_indices(data.frames.due_s, data.segments)
     rows = []
     for k in np.unique(owner[owner >= 0]):
         lost = data.frames.lost[owner == k]

@@ -166,7 +166,7 @@ PITCHES, HEIGHTS, LATENCIES = (
 EVALUATIONS = 250
 
 
-def misfit(predicted: Floats, measured: Floats, range_m: float) -> float:
+def depth_misfit(predicted: Floats, measured: Floats, range_m: float) -> float:
     """Mean relative error, at most `GROSS`.
 
     A pixel that is invalid should be out of range, but may be a hole.
@@ -176,7 +176,7 @@ def misfit(predicted: Floats, measured: Floats, range_m: float) -> float:
     return float(np.mean(np.where(valid, error, 0.1 * GROSS * (predicted < WHOLE * range_m))))
 
 
-def aligned(model: DepthModel, kept: Indices, measured: Floats) -> CameraEffects:
+def align_camera(model: DepthModel, kept: Indices, measured: Floats) -> CameraEffects:
     """Latency, pitch and height at which the scene agrees with the images.
 
     As claimed where it is not far off there.
@@ -188,7 +188,7 @@ def aligned(model: DepthModel, kept: Indices, measured: Floats) -> CameraEffects
 
     def cost(point: Floats | tuple[float, ...]) -> float:
         predicted = model.predict(_effects(point), kept[some])
-        return misfit(predicted, measured[some], model.camera.range_m)
+        return depth_misfit(predicted, measured[some], model.camera.range_m)
 
     claimed = cost((0.0, 0.0, 0.0))
     if claimed <= FAR:

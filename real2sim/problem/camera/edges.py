@@ -177,7 +177,7 @@ def plain_pixels(
     return np.asarray(~near & reached & (predicted_m < range_m))
 
 
-def filled(
+def filled_share(
     predicted_m: Floats, measured_mm: NDArray[np.uint16], plain: NDArray[np.bool_], clip_mm: float
 ) -> FilledShare | None:
     """The share of copies among plain pixels;

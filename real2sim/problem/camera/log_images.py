@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from saltus.arrays import Floats, Indices
 from saltus.errors import RecordingError
 from saltus.real2sim.problem.camera.candidates import CameraEffects
-from saltus.real2sim.problem.camera.depth_model import WHOLE, DepthModel, aligned, misfit
+from saltus.real2sim.problem.camera.depth_model import WHOLE, DepthModel, align_camera, depth_misfit
 from saltus.real2sim.problem.camera.noise import NoiseLaw, fitted_noise, second_differences
 from saltus.real2sim.problem.camera.pixels import PixelGrid, clip_guess, is_broken
 from saltus.real2sim.problem.camera.rays import (
@@ -218,12 +218,12 @@ def camera_data(log: RunLog) -> CameraData:
     if len(models) > 1:  # the reading of the terrain that the images fit best
         model = min(
             models,
-            key=lambda each: misfit(each.predict(AS_CLAIMED, kept), measured, camera.range_m),
+            key=lambda each: depth_misfit(each.predict(AS_CLAIMED, kept), measured, camera.range_m),
         )
     model = replace(
         model, is_hole=log.depth.depth_mm[frames.filtered][:, grid.row, grid.column] == 0
     )
-    view = aligned(model, kept, measured)
+    view = align_camera(model, kept, measured)
     predicted = model.predict(view, kept)
     # at the end of the range noise is cut
     known = (measured > 0.0) & (np.maximum(predicted, measured) < WHOLE * camera.range_m)
@@ -256,7 +256,7 @@ def camera_data(log: RunLog) -> CameraData:
     )
 
 
-def owners(time_s: Floats, segments: Sequence[LogSegment]) -> Indices:
+def segment_indices(time_s: Floats, segments: Sequence[LogSegment]) -> Indices:
     """Index of the segment in which each time lies, -1 in none, shape as `time_s`."""
     owner = np.full(len(time_s), -1, dtype=np.int64)
     for k, segment in enumerate(segments):
@@ -276,7 +276,7 @@ def _choose(
 
     The camera of a simulated robot that falls may pass into the ground.
     """
-    owner = owners(frames.stamp_s, segments)
+    owner = segment_indices(frames.stamp_s, segments)
     exposed_s = frames.stamp_s - camera.latency_s
     position, rotation = motion.at(exposed_s)
     place = (position + rotation @ camera.mount.position)[:, None]

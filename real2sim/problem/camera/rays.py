@@ -12,7 +12,7 @@ from scipy.stats import median_abs_deviation
 
 from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.log import boxes_of, robot_of
-from saltus.real2sim.problem.quaternions import continuous, normalised
+from saltus.real2sim.problem.quaternions import continuous_quaternions, normalise_quaternions
 from saltus.recordings.run_claims import CameraClaim
 from saltus.recordings.run_log import RunLog
 from saltus.robots.mount import Mount
@@ -93,7 +93,7 @@ class BaseMotion:
         time_s, first = np.unique(log.base.time_s, return_index=True)
         pose = log.base.values[first, :7].copy()
         # q and -q are one rotation: a spline must not run from one to the other
-        pose[:, 3:] = continuous(pose[:, 3:])
+        pose[:, 3:] = continuous_quaternions(pose[:, 3:])
         self._pose = np.median(pose, axis=0)
         if len(time_s) >= 4:
             self.start_s, self.end_s = float(time_s[0]), float(time_s[-1])
@@ -114,7 +114,7 @@ class BaseMotion:
             pose = np.broadcast_to(self._pose, (len(time_s), 7))
         else:
             pose = self._spline(np.clip(time_s, self.start_s, self.end_s))
-        return pose[:, :3], rotation_matrix(normalised(pose[:, 3:]))
+        return pose[:, :3], rotation_matrix(normalise_quaternions(pose[:, 3:]))
 
 
 def _smoothed(time_s: Floats, pose: Floats) -> tuple[Floats, float]:
@@ -222,6 +222,6 @@ def expected_depth(poses: Floats, log: RunLog, rows: Indices, columns: Indices) 
     camera, scene = claimed_camera(log), claimed_scenes(boxes_of(log))[0]
     row, column = np.meshgrid(rows, columns, indexing="ij")
     looks = camera.mount.rotation @ camera.tangents(row.ravel(), column.ravel())
-    rotation = np.asarray(rotation_matrix(normalised(poses[:, 3:])))
+    rotation = np.asarray(rotation_matrix(normalise_quaternions(poses[:, 3:])))
     depth = scene.depth(poses[:, :3] + rotation @ camera.mount.position, rotation @ looks)
     return depth.reshape(len(poses), len(rows), len(columns))

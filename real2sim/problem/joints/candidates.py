@@ -16,7 +16,7 @@ from saltus.real2sim.problem.problem import (
     Candidate,
     Unknown,
     UnknownCoordinates,
-    sought,
+    parameter_unknown,
     unknowns_of,
 )
 
@@ -156,7 +156,7 @@ KINDS = (
     # packets come with jitter, of which a delay says nothing
     _kind(
         "command_delay",
-        sought("delay", 1e-3),
+        parameter_unknown("delay", 1e-3),
         starts=((0.004,), (0.012,)),
         resolution=5e-5,
         closable_share=JITTERS,
@@ -164,19 +164,22 @@ KINDS = (
     ),
     _kind(
         "feedforward_delay",
-        sought("delay", 1e-3),
+        parameter_unknown("delay", 1e-3),
         starts=((0.004,), (0.012,)),
         resolution=4e-4,
         closable_share=JITTERS,
         leaves_chance=True,
     ),
     _kind(
-        "actuator_lag", sought("time_constant", 1e-3), starts=((0.004,), (0.012,)), resolution=7e-5
+        "actuator_lag",
+        parameter_unknown("time_constant", 1e-3),
+        starts=((0.004,), (0.012,)),
+        resolution=7e-5,
     ),
     _kind(  # starts are shares of the largest speeds of the log
         "torque_speed_limit",
         WEIGHT,
-        sought("corner", 1.0, is_shape=True),
+        parameter_unknown("corner", 1.0, is_shape=True),
         Unknown("span", 0.3, 60.0, 1.0, is_shape=True),
         starts=((1.0, 0.0, 1.3), (1.0, 0.3, 0.5), (1.0, 0.5, 0.2), (1.0, 0.6, 0.7)),
         starts_at=lambda starts, reach: tuple(
@@ -198,20 +201,25 @@ KINDS = (
             (loss, corner * reach.torque, width) for loss, corner, width in starts
         ),
     ),
-    _kind("torque_gain", sought("gain", 0.01), resolution=4e-3),
-    _kind("battery_sag", sought("loss_at_end", 0.01), starts=((0.1,),)),
-    _kind("viscous_friction", sought("coefficient", 0.02), starts=((0.1,),), resolution=2e-3),
+    _kind("torque_gain", parameter_unknown("gain", 0.01), resolution=4e-3),
+    _kind("battery_sag", parameter_unknown("loss_at_end", 0.01), starts=((0.1,),)),
+    _kind(
+        "viscous_friction",
+        parameter_unknown("coefficient", 0.02),
+        starts=((0.1,),),
+        resolution=2e-3,
+    ),
     _kind(
         "coulomb_friction",
-        sought("torque", 0.04),
+        parameter_unknown("torque", 0.04),
         BEND,
         starts=((0.2, 0.0), (0.2, 5e-4)),
         resolution=2e-3,
     ),
     _kind(
         "stiction",
-        sought("breakaway", 0.1),
-        sought("stribeck_velocity", 0.02, is_shape=True),
+        parameter_unknown("breakaway", 0.1),
+        parameter_unknown("stribeck_velocity", 0.02, is_shape=True),
         BEND,
         starts=((0.3, 0.05, 0.0), (0.3, 0.25, 0.0), (0.3, 0.05, 5e-4)),
         # Bristles that bend blunt the peak at standstill: the laws differ by 10 to 20 %
@@ -220,8 +228,8 @@ KINDS = (
     ),
     _kind(
         "backlash",
-        sought("width", 2e-3),
-        sought("motor_side", 0.5, is_shape=True, is_choice=True),
+        parameter_unknown("width", 2e-3),
+        parameter_unknown("motor_side", 0.5, is_shape=True, is_choice=True),
         starts=((0.01, 0.0), (0.01, 1.0)),
         resolution=1e-4,
         # Which tooth a light leg lies on when little torque is asked for is up to chance
@@ -230,7 +238,7 @@ KINDS = (
     _kind(
         "joint_spring",
         Unknown("pull", *JointSpring.sought("torque"), 0.05),
-        sought("stiffness", 0.2),
+        parameter_unknown("stiffness", 0.2),
         coordinates_at=_spring,
         drive=lambda x, places: (x[0] + x[1] * places.middle, x[1]),
         # True ones close 0.998; an integral term of the drive, which it imitates, 0.79 to 0.90
@@ -238,7 +246,7 @@ KINDS = (
     ),
     _kind(  # how far the stop reaches into the range of the log
         "end_stop",
-        sought("stiffness", 10.0),
+        parameter_unknown("stiffness", 10.0),
         Unknown("depth", 0.0, 0.4, 0.005, is_shape=True),
         starts=((300.0, 0.02), (300.0, 0.06), (300.0, 0.15)),
         coordinates_at=_stop,
@@ -248,7 +256,7 @@ KINDS = (
         "base_roll",
         WEIGHT,
         Unknown("freedom", 0.0, 0.99, 0.02, is_shape=True),
-        sought("damping", 0.1, is_shape=True),
+        parameter_unknown("damping", 0.1, is_shape=True),
         starts=((1.0, 0.1, 0.3), (1.0, 0.5, 0.3), (1.0, 0.9, 0.3)),
         model_error=0.05,
         where="trunk",  # all legs have one base
@@ -265,23 +273,23 @@ KINDS = (
             ),
         ),
     ),
-    _kind("armature", sought("added", 5e-4), resolution=7e-5),
-    _kind("encoder_bias", sought("bias", 2e-3), resolution=4e-3),
+    _kind("armature", parameter_unknown("added", 5e-4), resolution=7e-5),
+    _kind("encoder_bias", parameter_unknown("bias", 2e-3), resolution=4e-3),
     _kind(
         "encoder_quantisation",
         WEIGHT,
-        sought("step", 1e-6, is_shape=True),
+        parameter_unknown("step", 1e-6, is_shape=True),
         starts=((1.0, 0.005),),
         starts_at=lambda starts, reach: tuple((1.0, step) for step in reach.steps) or starts,
         closable_share=0.95,
     ),
     _kind(
         "velocity_filter",
-        sought("time_constant", 1e-3),
+        parameter_unknown("time_constant", 1e-3),
         starts=((0.004,), (0.012,)),
         resolution=7e-5,
     ),
-    _kind("velocity_scale", sought("scale", 0.02)),
+    _kind("velocity_scale", parameter_unknown("scale", 0.02)),
     _kind(LOOP_RATE, Unknown("rate", 0.0, 1.0, 0.25), starts=((0.5,),), is_nuisance=True),
 )
 

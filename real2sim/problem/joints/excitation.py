@@ -48,7 +48,7 @@ MOST = 0.9995  # quantile that counts as the largest: noise has outliers
 NO_VOLTAGE = "it couples all joints by the battery, whose voltage no log holds"
 
 
-def untestable(log: RunLog, rows: UniformLog, reach: Sequence[LogRange]) -> dict[str, str]:
+def untestable_effects(log: RunLog, rows: UniformLog, reach: Sequence[LogRange]) -> dict[str, str]:
     """Effects that this log cannot show, and why."""
     torque, speed = max(r.torque for r in reach), max(r.speed for r in reach)
     why: dict[str, str] = {}

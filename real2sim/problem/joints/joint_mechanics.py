@@ -47,7 +47,7 @@ def with_inertia(inverse: Floats, added: Floats) -> Floats:
     return inverse
 
 
-def accelerated(inverse: Floats, torque: Floats) -> Floats:
+def joint_accelerations(inverse: Floats, torque: Floats) -> Floats:
     """Product of an inverse of the mass matrix, shape (joints, joints, windows, branches, sets),
     and torques or impulses, of the same shape (windows, branches, joints, sets) as the result.
     """
@@ -58,7 +58,7 @@ def accelerated(inverse: Floats, torque: Floats) -> Floats:
     return np.ascontiguousarray(total.transpose(1, 2, 0, 3))
 
 
-def slipping(give: Floats, bent: Floats, ways: Floats) -> tuple[Floats, Floats]:
+def bristle_slip(give: Floats, bent: Floats, ways: Floats) -> tuple[Floats, Floats]:
     """`give` and `bent` of `slowed_by_friction` where bristles slip more the further they bend.
 
     After a way x they are bent by reach (1 - exp(-x / reach)) (P. Dahl, A solid friction model,
@@ -97,7 +97,7 @@ def slowed_by_friction(
     # its arguments
     least = -limit
     np.minimum(np.maximum(impulse, least, out=impulse), limit, out=impulse)
-    fast, shape = joint_by_joint(velocity + accelerated(inverse, impulse)), velocity.shape
+    fast, shape = joint_by_joint(velocity + joint_accelerations(inverse, impulse)), velocity.shape
     pushes = joint_by_joint(impulse)
     low, high = (joint_by_joint(np.broadcast_to(each, shape)) for each in (least, limit))
     gives, bends = (

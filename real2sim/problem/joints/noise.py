@@ -92,7 +92,7 @@ def whitening(pieces: Floats, floor: Floats, most_count: NDArray[np.bool_]) -> J
     return JointWhitening(weights=weights, innovation=innovation, spread=np.sqrt(variance))
 
 
-def learned(
+def learned_whitening(
     repeats: list[Floats], claimed: Floats, floor: Floats, is_coarse: NDArray[np.bool_]
 ) -> JointWhitening:
     """The whitening of repeats, or that of what is not smooth where it is clearly quieter.

@@ -26,10 +26,10 @@ from saltus.real2sim.problem.joints.excitation import (
     NoiseScaledSignal,
     encoder_steps,
     reach_of,
-    untestable,
+    untestable_effects,
 )
-from saltus.real2sim.problem.joints.noise import learned, noise_of_repeats
-from saltus.real2sim.problem.joints.replay import SIGNALS, replay
+from saltus.real2sim.problem.joints.noise import learned_whitening, noise_of_repeats
+from saltus.real2sim.problem.joints.replay import SIGNALS, replay_windows
 from saltus.real2sim.problem.joints.torque_curve import corners_of
 from saltus.real2sim.problem.joints.uniform_log import (
     motions_of,
@@ -37,7 +37,7 @@ from saltus.real2sim.problem.joints.uniform_log import (
     uniform_rows,
     windows_of,
 )
-from saltus.real2sim.problem.log import gains, model_of, segments_of, torque_limits
+from saltus.real2sim.problem.log import claimed_gains, claimed_model, segments_of, torque_limits
 from saltus.real2sim.problem.problem import LARGEST_RESIDUAL, Candidate, Problem
 from saltus.recordings.run_log import RunLog
 from saltus.robots.robot import LINKS, Robot
@@ -88,10 +88,10 @@ class JointProblem(Problem):
                 f"the joints need a held base, the log claims base {log.meta.get('base')!r}"
             )
         names = list(log.meta["joints"])
-        self.model = model_of(log)
+        self.model = claimed_model(log)
         self._robot = HeldRobot(self.model, names, _base_quaternion(log))
         self._rows = uniform_rows(log)
-        kp, kd = gains(log)
+        kp, kd = claimed_gains(log)
         branches = self._robot.branches
         self._motion, self._finer_motion = motions_of(self._rows, self._robot, kp, kd)
         # [rad]
@@ -106,7 +106,7 @@ class JointProblem(Problem):
         self._place_samples()
         places, self.blocks, self.places = _named(names, branches)
         self.reach = reach_of(self._rows, kp, kd, self._robot, self._steps)
-        self.untestable = untestable(log, self._rows, self.reach)
+        self.untestable = untestable_effects(log, self._rows, self.reach)
         if self._motion.sway is None:
             self.untestable["base_roll"] = (
                 "the log has not all joints of the robot: what moves its base is not known"
@@ -227,7 +227,7 @@ class JointProblem(Problem):
                 self._finer_windows,
                 drives.twice_as_fine(),
             )
-        simulated = replay(motion, windows, drives, self._averaged)
+        simulated = replay_windows(motion, windows, drives, self._averaged)
         made = [simulated[SIGNALS.index(signal)] for signal in self._signals]
         flat = np.stack([m.reshape(-1, *m.shape[2:])[self._sample] for m in made], axis=1)
         apart = self._measured[..., None] - flat
@@ -304,7 +304,7 @@ class JointProblem(Problem):
         is_coarse = np.array([step is not None for step in self._steps])[branches]
         nothing = np.zeros((1, len(self.blocks), self._candidates.count))
         claimed = self._apart(self._candidates.drives(nothing, self._motion.dt_s))[..., 0]
-        self._whitening = learned(pieces, claimed, floor, is_coarse)
+        self._whitening = learned_whitening(pieces, claimed, floor, is_coarse)
 
 
 def _kinks(corners: Floats, slopes: Floats) -> Kinks:

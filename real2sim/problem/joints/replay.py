@@ -16,9 +16,9 @@ from saltus.real2sim.problem.joints.drives import LEAST_LEVEL, DriveState, Joint
 from saltus.real2sim.problem.joints.joint_mechanics import (
     HeldJointMotion,
     RotorPlay,
-    accelerated,
+    bristle_slip,
     inverses_of,
-    slipping,
+    joint_accelerations,
     slowed_by_friction,
     with_inertia,
 )
@@ -87,7 +87,7 @@ class JointWindows:
 SIGNALS = ("q", "dq", "tau_est")
 
 
-def replay(
+def replay_windows(
     motion: LoggedMotion, windows: JointWindows, drives: JointDrives, averaged: int
 ) -> Floats:
     """Simulates every window with every set of effects;
@@ -245,7 +245,7 @@ class _Simulation:
             inverse = inverses_of(inverse, drives.count)
         if added is not None:
             inverse = with_inertia(inverse, added)
-            acceleration = accelerated(inverse, torque - load)
+            acceleration = joint_accelerations(inverse, torque - load)
         faster = v + dt * acceleration
         if drives.is_dry:
             faster = self._rubbed(faster, inverse)
@@ -277,7 +277,7 @@ class _Simulation:
         level = drives.friction(seen)
         give = reach / (np.maximum(level, LEAST_LEVEL) * dt**2)
         ways = (reach > 0.0) * dt * np.abs(seen) / np.maximum(reach, LEAST_REACH)
-        slip = slipping(give, self._bent, ways)
+        slip = bristle_slip(give, self._bent, ways)
         velocity = slowed_by_friction(velocity, inverse, dt * level, self._impulse, *slip)
         self._bent = give * self._impulse
         return velocity

@@ -32,7 +32,7 @@ from saltus.real2sim.problem.jumps.stretch import BASE, TorqueBalance, stretch_o
 from saltus.real2sim.problem.log import (
     boxes_of,
     drive_torque,
-    rates,
+    joint_rates,
     robot_of,
     segments_of,
     torque_limits,
@@ -219,7 +219,7 @@ class JumpProblem(Problem):
         base, imu = log.base, log.imu
         if base is None or imu is None:
             raise RecordingError("jumps need base.csv and imu.csv")
-        measured = (base.values[:, 7:10], imu.values[:, 4:7], rates(log.joints))
+        measured = (base.values[:, 7:10], imu.values[:, 4:7], joint_rates(log.joints))
         rate = np.repeat([_noise(values) for values in measured], [3, 3, len(JOINTS)])
         parts = []
         for stretch, balance in zip(self._stretches, self._balances, strict=True):
@@ -280,7 +280,7 @@ def _reach_of(log: RunLog, stand: Floats) -> tuple[LogRange, ...]:
     """
     torque, speed = (
         np.quantile(np.abs(values), MOST, axis=0)
-        for values in (drive_torque(log), rates(log.joints))
+        for values in (drive_torque(log), joint_rates(log.joints))
     )
     of_legs = np.stack([speed, torque, stand]).reshape(3, len(LEGS), len(LINKS))
     return tuple(

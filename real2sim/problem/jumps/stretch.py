@@ -21,7 +21,7 @@ from saltus.real2sim.problem.body.windows import (
     SegmentTrack,
     angular_velocity,
     late_steps,
-    track,
+    segment_track,
 )
 from saltus.real2sim.problem.joints.drives import DriveState, JointDrives
 from saltus.real2sim.problem.log import gains_in_force
@@ -118,7 +118,7 @@ class JumpStretch:
 
 def stretch_of(log: RunLog, segment: LogSegment, robot: MeasuredRobot) -> JumpStretch | None:
     """The stretch of a segment; None where it is shorter than a block."""
-    now, base = track(log, segment), log.base
+    now, base = segment_track(log, segment), log.base
     if base is None or len(now.time_s) < 3 * POLICY_STEPS:
         return None
     period_s = float(np.median(np.diff(base.time_s)))

@@ -26,7 +26,7 @@ from saltus.policy.planner import make_planner
 from saltus.runtime.process import ProcessContext
 from saltus.sim.plant_state import PlantState
 from saltus.terrain import flat
-from saltus.wire.bus import topic_of, unpack
+from saltus.wire.bus import topic_of, unpack_sample
 from saltus.wire.messages import Event, GroundTruth, JointLog, Message, RobotState
 
 GRID = load_grid(DEFAULT_GRID)
@@ -109,7 +109,7 @@ def messages_of_a_run(folder: Path, pace: Pace, limit_s: float) -> list[tuple[st
     context = ProcessContext("controller", config, put_run(folder, config), bus)
     with StandIns(hub).running():
         controller.body(context)
-    return [(raw.key, unpack(topic_of(raw.key), raw)[1]) for raw in stream.drain()]
+    return [(raw.key, unpack_sample(topic_of(raw.key), raw)[1]) for raw in stream.drain()]
 
 
 @pytest.mark.slow

@@ -9,11 +9,11 @@ from saltus.controller.rising import RISE_S
 from saltus.controller.robot.backend import RobotReading
 from saltus.controller.robot.mujoco import MujocoRobot
 from saltus.controller.robot.unitree import states
-from saltus.controller.robot.unitree.drives import state_message
+from saltus.controller.robot.unitree.drives import unitree_state_message
 from saltus.controller.robot.unitree.hips import ENOUGH, HipWatch
 from saltus.controller.robot.unitree.robot import UnitreeRobot
 from saltus.grid import WALKING_GRID
-from saltus.policy.evaluation.walking_trials import WalkTrials, run_tasks, tasks
+from saltus.policy.evaluation.walking_trials import WalkTrials, run_tasks, trial_tasks
 from saltus.policy.evaluation.walks import TrueHeightSource
 from saltus.real2sim.experiments.on_backend import ExperimentRun, held_experiment
 from saltus.robots.robot import JOINTS
@@ -30,7 +30,7 @@ def test_a_hip_is_named_whose_angle_does_not_leap(
     joint: str, phase: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nothing leaps where a hip is at zero, so leaps are not looked at here."""
-    monkeypatch.setattr(states, "contradiction", lambda *_: "")
+    monkeypatch.setattr(states, "state_contradiction", lambda *_: "")
     start_s = BOUNDS_S + float(np.random.default_rng(phase).uniform(0.3, 1.0))
     bounding = Bounding(f"sign:{joint}@{start_s:.3f}", seed=phase)
     bounding.until(start_s)
@@ -50,7 +50,7 @@ def test_no_hip_of_a_healthy_robot_is_named(ground: str, monkeypatch: pytest.Mon
     def heard(robot: MujocoRobot) -> RobotReading:
         reading = read(robot)
         assert isinstance(reading.measurement, SensorArrays)
-        message = state_message(reading.measurement, reading.joint_torque, ROBOT)
+        message = unitree_state_message(reading.measurement, reading.joint_torque, ROBOT)
         message["tick"] = 2 * len(most)
         watch.take(message)
         most.append(watch.evidence)
@@ -58,7 +58,7 @@ def test_no_hip_of_a_healthy_robot_is_named(ground: str, monkeypatch: pytest.Mon
 
     monkeypatch.setattr(MujocoRobot, "read", heard)
     trials = WalkTrials(robot="go2", grid=WALKING_GRID, model=walking_path("go2"), camera="d435i")
-    [[crossed]] = run_tasks(trials, tasks("cross", [ground], TrueHeightSource, [700]), 1)
+    [[crossed]] = run_tasks(trials, trial_tasks("cross", [ground], TrueHeightSource, [700]), 1)
     assert not crossed.cause
     assert len(most) > 1000
     assert max(most) < 2.0 / 3.0 * ENOUGH

@@ -8,9 +8,9 @@ import pytest
 from benchmarks.unitree_link.in_memory import ROBOT, Run, Wire, simulated
 from saltus.controller.robot.unitree.drives import (
     command_message,
-    command_of,
     reading_of,
-    state_message,
+    unitree_command,
+    unitree_state_message,
 )
 from saltus.controller.robot.unitree.faults import AT_A_JOINT, KINDS, PlantedFault
 from saltus.controller.robot.unitree.messages import LOW_COMMAND, LOW_STATE, MOTORS, SERVO
@@ -55,7 +55,7 @@ def test_commands_and_states_come_out_as_they_went_in(seed: int) -> None:
     assert (sent["motor_cmd"]["mode"] == [SERVO] * MOTORS + [0] * 8).all()
     for name in names:
         np.testing.assert_allclose(
-            getattr(command_of(sent, robot), name), getattr(command, name), rtol=1e-6
+            getattr(unitree_command(sent, robot), name), getattr(command, name), rtol=1e-6
         )
     np.testing.assert_allclose(
         sent["motor_cmd"]["q"][:12], robot.joint_sign * command.position, rtol=1e-6
@@ -66,7 +66,7 @@ def test_commands_and_states_come_out_as_they_went_in(seed: int) -> None:
         joint_position=rng.normal(size=12), joint_velocity=rng.normal(size=12),
     )  # fmt: skip
     torque = rng.normal(size=12)
-    said = LOW_STATE.read([LOW_STATE.sealed(state_message(sensed, torque, robot))])[0]
+    said = LOW_STATE.read([LOW_STATE.sealed(unitree_state_message(sensed, torque, robot))])[0]
     reading = reading_of(said, robot)
     for name, value in vars(sensed).items():
         np.testing.assert_allclose(getattr(reading.measurement, name), value, rtol=1e-6)

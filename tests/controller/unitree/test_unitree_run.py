@@ -16,7 +16,7 @@ from saltus.controller.robot.unitree.robot import UnitreeRobot
 from saltus.errors import ConfigError
 from saltus.real2sim.experiments import motions
 from saltus.real2sim.experiments.menu import Experiment
-from saltus.real2sim.experiments.motions import repeated
+from saltus.real2sim.experiments.motions import repeat_motion
 from saltus.real2sim.experiments.on_backend import ExperimentRun, held_experiment
 from saltus.real2sim.experiments.safety import ExperimentLimits, UnsafeMotionError
 from saltus.wire.messages import ControllerMode
@@ -125,7 +125,7 @@ def sine(speed_share: float = 1.0) -> Experiment:
     return Experiment(
         name="sine", how="", shows=(), base="fixed",
         limits=ExperimentLimits(tilt_rad=3.2, speed_share=speed_share),
-        sections=lambda robot: repeated("sine", 1, motions.sine(robot, 1.0, 1.0, 0.2)),
+        sections=lambda robot: repeat_motion("sine", 1, motions.sine(robot, 1.0, 1.0, 0.2)),
     )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from saltus.heightmap.scan import cells
-from saltus.heightmap.scan.filling import filled
+from saltus.heightmap.scan.filling import fill_cells
 from saltus.heightmap.scan.settings import MapSettings
 
 SETTINGS = MapSettings(cells=16)
@@ -45,7 +45,7 @@ def test_a_moved_window_keeps_every_value_at_its_place(library):
     rng = np.random.default_rng(1)
     values = rng.random((3, 8, 8)).astype(np.float32)
     by = np.array([[0, 0], [3, -2], [-9, 0]])
-    found = np.asarray(cells.moved(library(values), library(by), -1.0))
+    found = np.asarray(cells.move_window(library(values), library(by), -1.0))
     for robot, (di, dj) in enumerate(by):
         for i in range(8):
             for j in range(8):
@@ -56,11 +56,13 @@ def test_a_moved_window_keeps_every_value_at_its_place(library):
 @LIBRARIES
 def test_a_plane_is_read_where_it_is(library):
     corner = np.array([[-8, 3], [40, -20]])
-    x, y = cells.centres(library(corner), SETTINGS, library(np.zeros((2, 1))))
+    x, y = cells.cell_centres(library(corner), SETTINGS, library(np.zeros((2, 1))))
     plane = 0.3 * x - 0.2 * y + 1.0
     rng = np.random.default_rng(2)
     inner = rng.uniform(0.03, 0.60, (2, 50, 2)) + corner[:, None] * SETTINGS.cell_m
-    found = cells.sampled(plane, cells.places(library(inner), library(corner), SETTINGS))
+    found = cells.sample_bilinear(
+        plane, cells.fine_cell_positions(library(inner), library(corner), SETTINGS)
+    )
     np.testing.assert_allclose(found, 0.3 * inner[..., 0] - 0.2 * inner[..., 1] + 1.0, atol=1e-9)
 
 
@@ -68,7 +70,7 @@ def test_a_plane_is_read_where_it_is(library):
 def test_filling_keeps_what_is_known_and_stays_within_it(library):
     rng = np.random.default_rng(3)
     height, known = rng.normal(size=(2, 32, 32)), (rng.random((2, 32, 32)) < 0.1).astype(float)
-    found = np.asarray(filled(library(height), library(known)))
+    found = np.asarray(fill_cells(library(height), library(known)))
     np.testing.assert_allclose(found[known > 0], height[known > 0])
     for robot in range(2):
         mine = height[robot][known[robot] > 0]
@@ -80,4 +82,6 @@ def test_filling_keeps_what_is_known_and_stays_within_it(library):
 def test_one_known_height_fills_everything(library):
     height, known = np.full((1, 16, 16), 7.0), np.zeros((1, 16, 16))
     height[0, 3, 5], known[0, 3, 5] = 0.25, 1.0
-    np.testing.assert_allclose(np.asarray(filled(library(height), library(known))), 0.25, atol=1e-6)
+    np.testing.assert_allclose(
+        np.asarray(fill_cells(library(height), library(known))), 0.25, atol=1e-6
+    )

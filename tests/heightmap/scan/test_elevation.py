@@ -12,19 +12,19 @@ from saltus.heightmap.scan.elevation import (
     ElevationMap,
     MapUpdate,
     OdometryPoses,
-    advanced,
+    advance_map,
     is_known,
     new_map,
 )
 from saltus.heightmap.scan.settings import MapSettings
-from saltus.heightmap.scan.training.flights import shoot
+from saltus.heightmap.scan.training.flights import next_image
 
 SETTINGS = MapSettings(cells=32)
 
 
 def flown(fly, draws, settings=SETTINGS, robots=3, **changes):
     flight, flights = fly(robots, errors=1.0, odometry=(1.0, 1.0), feet=1.0, **changes)
-    return [shoot(flight, flights, draws).measured for _ in range(4)]
+    return [next_image(flight, flights, draws).measured for _ in range(4)]
 
 
 def each(measured, change):
@@ -39,7 +39,7 @@ def each(measured, change):
 def mapped(shots, settings=SETTINGS, like=None):
     state = new_map(len(shots[0].depth), settings, shots[0].points if like is None else like)
     for measured in shots:
-        state, around = advanced(state, measured, settings)
+        state, around = advance_map(state, measured, settings)
     return state, around
 
 
@@ -171,7 +171,7 @@ def test_the_map_follows_the_base_and_forgets_only_what_leaves_it():
     away = away._replace(
         now=away.now._replace(position=np.array([[0.2, 0.0, 0.0]])), depth=np.zeros_like(away.depth)
     )
-    other, _ = advanced(one, away, SETTINGS)
+    other, _ = advance_map(one, away, SETTINGS)
     by = int((other.corner - one.corner)[0, 0]) * SETTINGS.sub
     assert by == 10
     np.testing.assert_array_equal(other.height[0, :-by], one.height[0, by:])
@@ -181,6 +181,6 @@ def test_the_map_follows_the_base_and_forgets_only_what_leaves_it():
 def test_an_image_without_points_changes_no_height():
     one, _ = mapped([still((0.0, 0.0, 0.0))], like=np.zeros(1))
     empty = still((0.0, 0.0, 0.0))
-    other, _ = advanced(one, empty._replace(depth=np.zeros_like(empty.depth)), SETTINGS)
+    other, _ = advance_map(one, empty._replace(depth=np.zeros_like(empty.depth)), SETTINGS)
     np.testing.assert_array_equal(other.height, one.height)
     np.testing.assert_array_equal(other.correction, one.correction)

@@ -6,9 +6,14 @@ import pytest
 import torch
 from small_flights import EXACT, SMALL
 
-from saltus.heightmap.scan.elevation import advanced, is_known, new_map
+from saltus.heightmap.scan.elevation import advance_map, is_known, new_map
 from saltus.heightmap.scan.settings import MapSettings
-from saltus.heightmap.scan.training.flights import draw_flight, redrawn, shoot, true_heights
+from saltus.heightmap.scan.training.flights import (
+    draw_flight,
+    next_image,
+    redraw_robots,
+    true_map_heights,
+)
 from saltus.heightmap.scan.training.ground_patches import GroundPatches, draw_ground, heights_at
 from saltus.heightmap.scan.training.raster_rays import first_hits
 from saltus.heightmap.scan.training.seeded_random import SeededRandom
@@ -32,7 +37,7 @@ def surface_distance(ground, points, raster_m):
 @pytest.mark.parametrize("family", FAMILIES)
 def test_rays_end_on_the_ground_within_5_mm(fly, draws, family):
     flight, settings = fly(families=(family,))
-    shot = shoot(flight, settings, draws)
+    shot = next_image(flight, settings, draws)
     hit = shot.measured.depth > 0.0
     assert hit.float().mean() > 0.1
     assert surface_distance(flight.ground, shot.hits, settings.raster_m)[hit].max() < OFF_M
@@ -93,9 +98,9 @@ def test_without_errors_the_map_is_the_truth(fly, draws, families):
     map_settings = MapSettings(matching=False)
     state = new_map(6, map_settings, flight.ground.height)
     for _ in range(4):
-        shot = shoot(flight, settings, draws)
-        state, around = advanced(state, shot.measured, map_settings)
-    truth = true_heights(flight, shot, state, around, map_settings, settings)
+        shot = next_image(flight, settings, draws)
+        state, around = advance_map(state, shot.measured, map_settings)
+    truth = true_map_heights(flight, shot, state, around, map_settings, settings)
     error = (state.height - truth).abs()[is_known(state)]
     assert error.median() < 0.0002 if families == ("flat",) else error.median() < 0.005
     assert error.mean() < 0.015
@@ -107,7 +112,7 @@ def test_a_seed_gives_the_same_ground_and_images():
     for _ in range(2):
         draws = SeededRandom(7, device)
         flight = draw_flight(3, SMALL, draws)
-        shots.append([shoot(flight, SMALL, draws) for _ in range(2)][-1])
+        shots.append([next_image(flight, SMALL, draws) for _ in range(2)][-1])
     for one, other in zip(shots[0].measured, shots[1].measured, strict=True):
         if isinstance(one, torch.Tensor):
             torch.testing.assert_close(one, other, rtol=0.0, atol=0.0)
@@ -120,7 +125,7 @@ def test_redrawing_some_robots_leaves_the_others(fly, draws):
     flight, settings = fly(4)
     kept = flight.ground.height[1:3].clone()
     other = draw_flight(2, settings, draws)
-    redrawn(flight, torch.tensor([0, 3]), other)
+    redraw_robots(flight, torch.tensor([0, 3]), other)
     torch.testing.assert_close(flight.ground.height[1:3], kept)
     torch.testing.assert_close(flight.ground.height[[0, 3]], other.ground.height)
     torch.testing.assert_close(flight.motion.position[[0, 3]], other.motion.position)

@@ -4,11 +4,11 @@ import numpy as np
 import torch
 
 from saltus.heightmap.scan.elevation import WIDEST, new_map
-from saltus.heightmap.scan.network_inputs import MapHeights, remembered
+from saltus.heightmap.scan.network_inputs import MapHeights, remember_told
 from saltus.heightmap.scan.settings import MapSettings
 from saltus.heightmap.scan.training.examples import with_image
-from saltus.heightmap.scan.training.flights import shoot
-from saltus.heightmap.scan.training.framewise import kept, of_image
+from saltus.heightmap.scan.training.flights import next_image
+from saltus.heightmap.scan.training.framewise import heights_kept, of_image
 
 SETTINGS = MapSettings(cells=16)
 
@@ -17,7 +17,7 @@ def test_an_image_alone_is_what_it_would_be_as_the_first(fly, draws):
     flight, flights = fly(3)
     state, like = new_map(3, SETTINGS, flight.ground.height), flight.ground.height
     for _ in range(3):
-        shot = shoot(flight, flights, draws)
+        shot = next_image(flight, flights, draws)
         state, _, _ = with_image(state, shot.measured, shot.now_s, SETTINGS)
     _, inputs, around = of_image(state, shot.measured, shot.now_s, SETTINGS)
     first = new_map(3, SETTINGS, like)._replace(correction=state.correction)
@@ -30,9 +30,9 @@ def test_an_image_alone_is_what_it_would_be_as_the_first(fly, draws):
 def test_the_surer_height_is_kept_and_gets_less_sure():
     rng = np.random.default_rng(0)
     state, shape = new_map(2, SETTINGS, np.zeros(1)), (2, SETTINGS.side, SETTINGS.side)
-    state = remembered(state, MapHeights(rng.normal(size=shape), rng.uniform(0.01, 0.2, shape)))
+    state = remember_told(state, MapHeights(rng.normal(size=shape), rng.uniform(0.01, 0.2, shape)))
     new = MapHeights(rng.normal(size=shape), rng.uniform(0.01, 0.2, shape))
-    found = kept(state, state.corner, new, np.full(2, 0.1), SETTINGS)
+    found = heights_kept(state, state.corner, new, np.full(2, 0.1), SETTINGS)
     is_new = found.height == new.height
     np.testing.assert_array_equal(found.height, np.where(is_new, new.height, state.told))
     assert (found.half_width <= new.half_width).all()
@@ -44,7 +44,7 @@ def test_an_image_of_another_window_is_put_in_its_place():
     shape = (1, SETTINGS.side, SETTINGS.side)
     height = np.arange(SETTINGS.side**2, dtype=float).reshape(shape)
     state = new_map(1, SETTINGS, np.zeros(1))
-    found = kept(
+    found = heights_kept(
         state,
         state.corner + np.array([[1, -2]]),
         MapHeights(height, np.full(shape, 0.1)),

@@ -21,7 +21,7 @@ from saltus.heightmap.scan.own_body import NoBody
 from saltus.heightmap.scan.predictor import ScanNetwork, ScanPredictor
 from saltus.heightmap.scan.scan_camera import ScanCamera
 from saltus.heightmap.service.scan import FIRST, LEGS_ODOMETRY_ERROR, ScanRig, ScanService
-from saltus.loop.shadows import deepened
+from saltus.loop.shadows import deepen_shadows
 from saltus.robots.legs import LegKinematics
 from saltus.robots.mount import Mount
 from saltus.robots.robot import Robot
@@ -169,7 +169,7 @@ def test_a_planner_of_jumps_is_told_of_shadows(network: ScanNetwork, world: Plan
         for shadows in (False, True)
     )
     for given, lowered in zip(plain, told, strict=True):
-        expected = deepened(given.height, given.half_width_90, LINE)
+        expected = deepen_shadows(given.height, given.half_width_90, LINE)
         np.testing.assert_array_equal((lowered.height, lowered.half_width_90), expected)
 
 

@@ -12,26 +12,26 @@ from saltus.errors import ConfigError, ModelError
 from saltus.heightmap.scan.elevation import WIDEST, new_map
 from saltus.heightmap.scan.network_inputs import MEASURED, MEMORY, NUMBERS, MapHeights
 from saltus.heightmap.scan.settings import MapSettings
-from saltus.heightmap.scan.training.card import card, read_results
+from saltus.heightmap.scan.training.card import read_results, scan_card
 from saltus.heightmap.scan.training.evaluation import (
-    evaluate,
+    evaluate_scan,
     table_of,
     usual_flights,
     write_results,
 )
-from saltus.heightmap.scan.training.examples import UpdateCalls, example
-from saltus.heightmap.scan.training.export import export
-from saltus.heightmap.scan.training.files import read_checkpoint
+from saltus.heightmap.scan.training.examples import UpdateCalls, next_example
+from saltus.heightmap.scan.training.export import export_scan
+from saltus.heightmap.scan.training.files import read_scan_checkpoint
 from saltus.heightmap.scan.training.flights import draw_flight
 from saltus.heightmap.scan.training.gradient_limits import GradientLimits
-from saltus.heightmap.scan.training.scan_model import ScanModel, loss, parameter_count
+from saltus.heightmap.scan.training.scan_model import ScanModel, parameter_count, scan_loss
 from saltus.heightmap.scan.training.seeded_random import SeededRandom
 from saltus.heightmap.scan.training.settings import (
     FlightSettings,
     NetworkSettings,
     ScanTrainSettings,
 )
-from saltus.heightmap.scan.training.train import ScanTrainer, train
+from saltus.heightmap.scan.training.train import ScanTrainer, train_scan
 from saltus.model_file import ModelFile
 from saltus.onnx_export import weights_of
 
@@ -39,12 +39,12 @@ CPU = torch.device("cpu")
 
 
 def test_a_training_that_was_interrupted_is_as_one_that_was_not(small, tmp_path):
-    whole = train(small, tmp_path / "whole", updates=6, device=CPU)
+    whole = train_scan(small, tmp_path / "whole", updates=6, device=CPU)
     trainer = ScanTrainer(small, CPU)
     trainer.round(0.0, 0.5)
     (tmp_path / "parts").mkdir()
     trainer.save(tmp_path / "parts" / "scan.pt")
-    resumed = train(small, tmp_path / "parts", updates=6, device=CPU)
+    resumed = train_scan(small, tmp_path / "parts", updates=6, device=CPU)
     for one, other in zip(whole.parameters(), resumed.parameters(), strict=True):
         torch.testing.assert_close(one, other, rtol=0.0, atol=0.0)
 
@@ -59,7 +59,7 @@ def test_a_burst_moves_weights_by_no_more_than_usual(small, monkeypatch, size):
 
     def bursting(*given):
         counts["updates"] += 1
-        return loss(*given) * (size if counts["updates"] % 7 == 6 else 1.0)
+        return scan_loss(*given) * (size if counts["updates"] % 7 == 6 else 1.0)
 
     small = replace(small, round=12)
     steady, burst = ScanTrainer(small, CPU), ScanTrainer(small, CPU)
@@ -120,23 +120,23 @@ def test_a_checkpoint_of_another_training_is_refused(small, tmp_path):
     trainer = ScanTrainer(small, CPU)
     trainer.save(tmp_path / "scan.pt")
     with pytest.raises(ModelError, match="other settings"):
-        train(replace(small, seed=1), tmp_path, updates=1, device=CPU)
+        train_scan(replace(small, seed=1), tmp_path, updates=1, device=CPU)
     (tmp_path / "scan.pt").write_bytes(b"no checkpoint")
     with pytest.raises(ModelError, match="no checkpoint"):
-        read_checkpoint(tmp_path / "scan.pt")
+        read_scan_checkpoint(tmp_path / "scan.pt")
 
 
 def test_a_training_begins_with_an_exported_network(small, tmp_path):
     torch.manual_seed(9)
     model = ScanModel(small.network, small.map)
-    export(model, small, tmp_path / "scan.onnx")
+    export_scan(model, small, tmp_path / "scan.onnx")
     weights = weights_of(ModelFile(tmp_path / "scan.onnx"))
-    begun = train(small, tmp_path / "run", updates=0, device=CPU, start=weights)
+    begun = train_scan(small, tmp_path / "run", updates=0, device=CPU, start=weights)
     for one, other in zip(model.parameters(), begun.parameters(), strict=True):
         torch.testing.assert_close(one, other, rtol=0.0, atol=0.0)
     wider = replace(small, network=replace(small.network, channels=(16, 8, 8, 8)))
     with pytest.raises(ModelError, match="do not fit"):
-        train(wider, tmp_path / "other", updates=3, device=CPU, start=weights)
+        train_scan(wider, tmp_path / "other", updates=3, device=CPU, start=weights)
 
 
 def _shapes(settings):
@@ -161,11 +161,13 @@ def test_the_file_tells_what_the_network_tells(small, tmp_path, changes):
         for weight in model.parameters():
             weight += 0.05 * torch.randn(weight.shape)
     path = tmp_path / "scan.onnx"
-    export(model, settings, path)
+    export_scan(model, settings, path)
     draws = SeededRandom(1, CPU)
     flight = draw_flight(2, small.flight, draws)
     state = new_map(2, small.map, flight.ground.height)
-    _, inputs, _, _ = example(flight, state, small, draws, UpdateCalls.of(model, compiled=False))
+    _, inputs, _, _ = next_example(
+        flight, state, small, draws, UpdateCalls.of(model, compiled=False)
+    )
     session = onnxruntime.InferenceSession(str(path))
     fed = {i.name: np.asarray(v) for i in session.get_inputs() for v in [getattr(inputs, i.name)]}
     with torch.no_grad():
@@ -185,11 +187,11 @@ def test_a_larger_network_begins_as_the_one_it_starts_with(small, tmp_path):
     """What it has beside its start changes hardly anything until it has learned."""
     torch.manual_seed(9)
     model = ScanModel(replace(small.network, deep=0, choice=False), small.map).eval()
-    begun = train(small, tmp_path, updates=0, device=CPU, start=model.state_dict())
+    begun = train_scan(small, tmp_path, updates=0, device=CPU, start=model.state_dict())
     draws = SeededRandom(1, CPU)
     flight = draw_flight(3, small.flight, draws)
     calls = UpdateCalls.of(model, compiled=False)
-    _, inputs, _, _ = example(
+    _, inputs, _, _ = next_example(
         flight, new_map(3, small.map, flight.ground.height), small, draws, calls
     )
     with torch.no_grad():
@@ -203,7 +205,7 @@ def test_a_larger_network_begins_as_the_one_it_starts_with(small, tmp_path):
 def test_every_network_learns(small, tmp_path, changes):
     settings = replace(small, network=replace(small.network, **changes))
     losses = []
-    train(
+    train_scan(
         settings, tmp_path, updates=60, device=CPU, progress=lambda found: losses.append(found.loss)
     )
     assert np.mean(losses[-4:]) < np.mean(losses[:4])
@@ -214,7 +216,7 @@ def test_a_new_network_tells_nearly_the_map(small):
     draws = SeededRandom(2, CPU)
     flight = draw_flight(3, small.flight, draws)
     calls = UpdateCalls.of(ScanModel(small.network, small.map), compiled=False)
-    _, inputs, _, _ = example(
+    _, inputs, _, _ = next_example(
         flight, new_map(3, small.map, flight.ground.height), small, draws, calls
     )
     torch.manual_seed(0)
@@ -235,7 +237,7 @@ def test_half_widths_have_a_slope_at_their_limit(small):
         bias[width] = 100.0
     told = model(*inputs)
     level = torch.zeros_like(told[0])
-    loss(MapHeights(*told), level, level + 1.0).backward()
+    scan_loss(MapHeights(*told), level, level + 1.0).backward()
     assert (told[1] == WIDEST).all()
     assert (bias.grad[width] > 0.0).all()
 
@@ -247,7 +249,7 @@ def test_every_method_is_scored_on_every_group(small, tmp_path, frame):
     model = ScanModel(small.network, small.map).eval()
     flights = usual_flights(small.flight)
     flights = FlightSettings.from_toml(flights.to_toml().replace("images = 60", "images = 30"))
-    scores = evaluate(model, small, robots=3, device=CPU, rows={"usual": flights})
+    scores = evaluate_scan(model, small, robots=3, device=CPU, rows={"usual": flights})
     every = {(s.grid, s.method, s.group): s for s in scores if s.family == "every"}
     methods = {method for _, method, _ in every}
     assert {"flat", "network", "map 2 cm", "map 2 cm, drift, feet"} <= methods
@@ -261,7 +263,7 @@ def test_every_method_is_scored_on_every_group(small, tmp_path, frame):
     assert "usual" in table_of(scores)
     write_results(scores, tmp_path / "scan.json")
     results = read_results(tmp_path / "scan.json")
-    text = card("1d", small, results, parameter_count(model), 1_500_000, "c0ffee")
+    text = scan_card("1d", small, results, parameter_count(model), 1_500_000, "c0ffee")
     assert text.startswith("# Scan model 1d")
     assert "1.5 million images" in text
     assert f"| network | {every['scan', 'network', 'all'].error_mm:.1f}, " in text
