@@ -19,7 +19,7 @@ from saltus.errors import SaltusError
 from saltus.gpu import has_gpu
 from saltus.grid import DEFAULT_GRID
 from saltus.policy.env.settings import JumpTrainSettings, for_gpu
-from saltus.policy.training.command import Train
+from saltus.policy.training.command import TrainPolicyCommand
 from saltus.policy.training.files import CHECKPOINT
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT, SUPPLEMENT_FILE, shipped_folder
@@ -119,7 +119,7 @@ def train(name: str, seed: int, trained: Path, minutes: float, commit: str | Non
     folder.mkdir(parents=True, exist_ok=True)
     config, checkpoint = config_of(name, seed, folder), folder / CHECKPOINT
     iterations = int(np.ceil(STEPS / (config.robots * config.learning.horizon)))
-    Train(
+    TrainPolicyCommand(
         out=folder,
         minutes=minutes,
         iterations=iterations,

@@ -9,11 +9,10 @@ from saltus.policy.planner import jumping_grid, jumping_planner, make_planner, w
 from saltus.policy.process import PlannerProcess
 from saltus.robots.legs import LegKinematics
 from saltus.runtime.process import ProcessContext, run_process
-from saltus.runtime.ticker import staleness_of
 from saltus.used_networks import walking_path
 from saltus.wire.bus import Sample
 from saltus.wire.messages import Done, DriveCommand, Heightmap, RobotState
-from saltus.wire.topics import TOPICS
+from saltus.wire.topics import TOPICS, staleness_of
 
 WAIT_S = 0.1
 HEIGHTMAP_WAIT_S = 0.005  # real time: half a policy step for the heightmap of this state

@@ -16,9 +16,9 @@ from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.wire.messages import AnyPlan, CommandMode, MotionPlan, PlanStatus, RobotState
 
-Velocity = tuple[float, float, float]
+PlanarVelocity = tuple[float, float, float]
 """Ahead, to the left [m/s], turning to the left [rad/s]."""
-AT_REST: Velocity = (0.0, 0.0, 0.0)
+AT_REST: PlanarVelocity = (0.0, 0.0, 0.0)
 ASIDE_M = 0.1
 """Distance of the lines beside that on which a robot jumps: the scan's spacing. Its feet are 0.13
 m aside."""
@@ -37,7 +37,7 @@ class PlannerDecision:
     state: RobotState
     heights: Floats | None
     """On the grid of the run, relative to the base [m]; None unless the status is GO."""
-    velocity: Velocity
+    velocity: PlanarVelocity
     """As commanded."""
     half_width: Floats | None = None
     """Half of the 90 % interval of each height [m]; None: they are sure."""

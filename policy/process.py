@@ -8,7 +8,6 @@ import numpy as np
 
 from saltus.grid import HeightGrid
 from saltus.policy.mover import AT_REST, Mover, PlannerDecision
-from saltus.runtime.ticker import staleness_of
 from saltus.wire.messages import (
     AnyPlan,
     CommandMode,
@@ -19,7 +18,7 @@ from saltus.wire.messages import (
     PlanStatus,
     RobotState,
 )
-from saltus.wire.topics import TOPICS
+from saltus.wire.topics import TOPICS, staleness_of
 
 STAND_NS = 500_000_000
 """Time that the robot stands before the first jump: ten images, and the estimator settles."""

@@ -11,16 +11,16 @@ from saltus.render.camera import RobotCamera
 from saltus.render.exposure import Exposure, PerfectExposure, StereoExposure
 from saltus.render.process import CameraProcess, random_stream
 from saltus.runtime.process import ProcessContext, run_process
-from saltus.runtime.ticker import staleness_of
 from saltus.wire.bus import Bus
 from saltus.wire.messages import OPERATOR, DepthFrame, Done, GroundTruth
+from saltus.wire.topics import staleness_of
 
 WAIT_S = 0.1  # how often an idle process gives proof of life
 NOTHING_DUE = -1
 LONGEST_COVER_S = 60.0  # a run of the demo takes 20
 
 
-class Cover:
+class LensCover:
     """A cover that an operator lays over the lens: "blind",
     for the run's seconds that its detail names.
     """
@@ -106,7 +106,7 @@ def run_lockstep(context: ProcessContext, camera: CameraProcess) -> None:
     truths = context.bus.latest("plant/truth")
     frames = context.bus.publisher("camera/depth")
     done = context.bus.publisher("done", context.name)
-    cover = Cover(context.bus)
+    cover = LensCover(context.bus)
     context.ready()
     last_step = -1
     while not context.stopped:
@@ -131,7 +131,7 @@ def run_realtime(context: ProcessContext, camera: CameraProcess) -> None:
     # Truth is routed to a spare, which waits in `ready`, but does not wake it
     context.bus.latest("plant/truth", rings=False)
     frames = context.bus.publisher("camera/depth")
-    cover = Cover(context.bus)
+    cover = LensCover(context.bus)
     context.ready()
     truths = context.bus.latest("plant/truth")
     while not context.stopped:

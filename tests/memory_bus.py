@@ -3,7 +3,7 @@
 import time
 
 from saltus.wire import codec
-from saltus.wire.bus import STREAM_CAPACITY, Bell, Bus, Latest, RawSample, Slot, Stream
+from saltus.wire.bus import STREAM_CAPACITY, Bell, Bus, Latest, MessageStream, RawSample, Slot
 from saltus.wire.codec import Envelope
 from saltus.wire.messages import Message
 
@@ -15,13 +15,13 @@ class MemoryHub:
         self.bell = Bell()
         """Bell of all buses of the hub."""
         self._slots: dict[str, list[Slot]] = {}
-        self._streams: list[tuple[str, Stream]] = []
+        self._streams: list[tuple[str, MessageStream]] = []
 
     def attach(self, key: str, slot: Slot) -> None:
         """Subscribes a slot to one key."""
         self._slots.setdefault(key, []).append(slot)
 
-    def attach_stream(self, prefix: str, stream: Stream) -> None:
+    def attach_stream(self, prefix: str, stream: MessageStream) -> None:
         """Subscribes a stream to all keys below a prefix."""
         self._streams.append((f"{prefix}/", stream))
 
@@ -52,9 +52,9 @@ class MemoryBus(Bus):
         self.hub.attach(self._key(topic, suffix), slot)
         return self._latest(topic, slot)
 
-    def stream(self, capacity: int = STREAM_CAPACITY) -> Stream:
+    def stream(self, capacity: int = STREAM_CAPACITY) -> MessageStream:
         """See `Bus.stream`."""
-        stream = Stream(capacity)
+        stream = MessageStream(capacity)
         self.hub.attach_stream(self.prefix, stream)
         return stream
 

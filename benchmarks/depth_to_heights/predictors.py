@@ -18,7 +18,7 @@ from saltus.heightmap.evaluation.geometric import GeometricHeightmap
 from saltus.heightmap.evaluation.held_out import HeldOutPrediction, step_ns
 from saltus.heightmap.service.network import HeightmapNetwork
 from saltus.heightmap.service.quantiles import UNKNOWN_HALF_WIDTH_M
-from saltus.heightmap.service.replay import Predictor, replay_predictor
+from saltus.heightmap.service.replay import HeightPredictor, replay_predictor
 from saltus.heightmap.service.service import HeightmapService
 from saltus.robots.loading import load_robot
 from saltus.robots.robot import Robot
@@ -34,7 +34,7 @@ class FlatGround:
         del robot  # its own estimate says how high it stands
 
     def step(self, state: RobotState, frame: DepthFrame | None, now_ns: int) -> Heightmap:
-        """See `saltus.heightmap.service.replay.Predictor`."""
+        """See `saltus.heightmap.service.replay.HeightPredictor`."""
         del frame, now_ns
         return Heightmap(
             time_ns=state.time_ns, step=state.step, x=HEIGHTMAP_X,
@@ -45,7 +45,7 @@ class FlatGround:
         )  # fmt: skip
 
 
-BASELINES: dict[str, Callable[[Robot], Predictor]] = {
+BASELINES: dict[str, Callable[[Robot], HeightPredictor]] = {
     "flat": FlatGround,
     "newest": partial(GeometricHeightmap, grid=LINE, images=1),
     **{
@@ -73,7 +73,7 @@ def predict_run(split: StoredSplit, task: tuple[str, Path | None, int]) -> HeldO
     return predict(made, read_inputs(split, run))
 
 
-def predict(predictor: Predictor, inputs: Inputs) -> HeldOutPrediction:
+def predict(predictor: HeightPredictor, inputs: Inputs) -> HeldOutPrediction:
     """Returns what a predictor that has not been used before says in one run."""
     steps = len(inputs.depth)
     taken = np.arange(steps) - np.rint(inputs.depth_age_s / POLICY_DT).astype(np.int64)

@@ -49,7 +49,7 @@ EpisodeRow = TypedDict(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Exported:
+class ExportResult:
     """An export that was written."""
 
     episodes: int
@@ -59,7 +59,7 @@ class Exported:
 
 def export_dataset(
     directory: Path, out: Path, done: Callable[[int], object] = lambda _: None
-) -> Exported:
+) -> ExportResult:
     """Writes all episodes of a dataset into a new folder, whole or not at all;
     `done` is told of rows as they come.
 
@@ -99,7 +99,7 @@ def export_dataset(
         (made / CROISSANT_FILE).write_text(
             json.dumps(croissant(records), indent=1) + "\n", encoding="utf-8"
         )
-    return Exported(episodes=len(rows), ticks=_index(rows), terrains=tuple(terrains))
+    return ExportResult(episodes=len(rows), ticks=_index(rows), terrains=tuple(terrains))
 
 
 def _index(rows: list[EpisodeRow]) -> int:

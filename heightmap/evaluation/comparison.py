@@ -15,7 +15,7 @@ from saltus.grid import HeightGrid
 from saltus.heightmap.evaluation.geometric import FOOT_GAIN, GeometricHeightmap
 from saltus.heightmap.evaluation.odometry import VelocityOdometry
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.service.replay import Predictor, replay_predictor
+from saltus.heightmap.service.replay import HeightPredictor, replay_predictor
 from saltus.heightmap.service.service import HeightmapService
 from saltus.recordings.recording import Recording
 from saltus.render.camera import camera_pose
@@ -163,7 +163,7 @@ def lost_note(lost: Sequence[str]) -> str:
     return f" (lost: {'; '.join(lost[:SHOWN_LOST])}{more})" if lost else ""
 
 
-def predictor_named(name: str, robot: Robot, grid: HeightGrid) -> Predictor:
+def predictor_named(name: str, robot: Robot, grid: HeightGrid) -> HeightPredictor:
     """A fresh predictor of heights: "geometric", "geometric-feet",
     or the path of an ONNX file (or `ModelError`).
     """

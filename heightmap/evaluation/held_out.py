@@ -28,7 +28,7 @@ from saltus.heightmap.evaluation.distance_travelled import DistanceTravelled
 from saltus.heightmap.evaluation.geometric import GeometricHeightmap
 from saltus.heightmap.evaluation.visibility import visibility
 from saltus.heightmap.service.network import HeightmapNetwork
-from saltus.heightmap.service.replay import Predictor, replay_predictor
+from saltus.heightmap.service.replay import HeightPredictor, replay_predictor
 from saltus.heightmap.service.service import HeightmapService
 from saltus.loop.heights import true_heights
 from saltus.loop.loop import STAND_STEPS, Loop, Moment
@@ -267,7 +267,7 @@ def _measured(
     )
 
 
-def _replayed(predictor: Predictor, ticks: Sequence[_Tick], robot: int) -> list[Heightmap]:
+def _replayed(predictor: HeightPredictor, ticks: Sequence[_Tick], robot: int) -> list[Heightmap]:
     """Answers of a predictor to the images that the robot's network got, when it got them."""
     known = [tick.moment.states for tick in ticks]
     taken: dict[int, NDArray[np.uint16]] = {}

@@ -19,9 +19,8 @@ from saltus.heightmap.service.network import MOUNT_PITCH_ERROR, MOUNT_POSITION_E
 from saltus.recordings.recording import Recording
 from saltus.recordings.timing import TopicTiming, rates_and_ages
 from saltus.render.calibrate import FEWEST_FRAMES, fit_place, standing_pairs, stands_on_all_feet
-from saltus.runtime.ticker import staleness_of
 from saltus.wire.messages import DepthFrame, Heightmap, HeightmapStatus, RobotState, points_of
-from saltus.wire.topics import CAMERA_LATENCY_S, TOPICS, depth_topic
+from saltus.wire.topics import CAMERA_LATENCY_S, TOPICS, depth_topic, staleness_of
 
 LEAST_RATE = 0.9
 """Least rate, in parts of the nominal one; trainings lose up to 8 % of the images."""

@@ -13,7 +13,7 @@ from saltus.wire.messages import DepthFrame, Heightmap, RobotState
 from saltus.wire.topics import CAMERA_LATENCY_S, CAMERA_PERIOD_S, depth_topic
 
 
-class Predictor(Protocol):
+class HeightPredictor(Protocol):
     """Anything that answers each robot state with a heightmap, as a `HeightmapService` does."""
 
     def step(self, state: RobotState, frame: DepthFrame | None, now_ns: int) -> Heightmap:
@@ -110,7 +110,7 @@ def _again(read: Callable[[], Iterable[DepthFrame]]) -> Iterator[DepthFrame]:
 
 
 def replay_predictor(
-    predictor: Predictor,
+    predictor: HeightPredictor,
     frames: Iterable[DepthFrame],
     states: Iterable[RobotState],
     arrival_ns: Iterable[int],

@@ -4,10 +4,9 @@ from collections.abc import Sequence
 
 from saltus.heightmap.service.fleet import RobotRequest
 from saltus.runtime.process import ProcessContext
-from saltus.runtime.ticker import Staleness, staleness_of
 from saltus.wire.bus import Sample
 from saltus.wire.messages import Done, Heightmap, HeightmapStatus, RobotState
-from saltus.wire.topics import Topic
+from saltus.wire.topics import Staleness, Topic, staleness_of
 
 UNANSWERED_NS = (
     500_000_000  # so that a clock that differs is reported within 1 s of the robot's first state

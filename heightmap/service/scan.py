@@ -74,7 +74,7 @@ class ScanRig:
     is told lower (`saltus.loop.shadows`)."""
 
 
-class Worker(Protocol):
+class PredictionWorker(Protocol):
     """Does what it is given, at once or in a thread of its own."""
 
     def submit(self, work: "Callable[[], _Look]", /) -> "Future[_Look]":
@@ -86,7 +86,7 @@ class AtOnce:
     """Does what it is given before it returns."""
 
     def submit(self, work: "Callable[[], _Look]", /) -> "Future[_Look]":
-        """See `Worker`."""
+        """See `PredictionWorker`."""
         done: Future[_Look] = Future()
         done.set_result(work())
         return done
@@ -125,10 +125,14 @@ class ScanService:
     """
 
     def __init__(
-        self, network: ScanNetwork, rig: ScanRig, depth: Topic = DEPTH, worker: Worker | None = None
+        self,
+        network: ScanNetwork,
+        rig: ScanRig,
+        depth: Topic = DEPTH,
+        worker: PredictionWorker | None = None,
     ) -> None:
         self._network, self._rig, self._depth = network, rig, depth
-        self._worker: Worker = worker or AtOnce()
+        self._worker: PredictionWorker = worker or AtOnce()
         self._map = network.settings
         self._odometry_error = 1.0 if rig.robot is None else LEGS_ODOMETRY_ERROR
         if rig.robot is not None:

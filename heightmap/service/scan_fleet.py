@@ -16,7 +16,7 @@ from saltus.heightmap.scan.predictor import ScanNetwork, is_scan
 from saltus.heightmap.scan.scan_camera import ScanCamera
 from saltus.heightmap.service.fleet import RobotRequest
 from saltus.heightmap.service.image_watch import DEPTH
-from saltus.heightmap.service.scan import FIRST, AtOnce, ScanRig, ScanService, Worker
+from saltus.heightmap.service.scan import FIRST, AtOnce, PredictionWorker, ScanRig, ScanService
 from saltus.robots.mount import Mount
 from saltus.robots.robot import Robot
 from saltus.used_networks import model_path
@@ -171,7 +171,7 @@ class ScanFleet:
         self._pool = (
             None if at_once else ThreadPoolExecutor(max_workers=1, thread_name_prefix="scan")
         )
-        worker: Worker = self._pool or AtOnce()
+        worker: PredictionWorker = self._pool or AtOnce()
         self._services = {robot: ScanService(network, rig, depth, worker) for robot in robots}
         self._boots: dict[tuple[str, str | None], bytes] = {}
 

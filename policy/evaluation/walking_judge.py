@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from saltus.drive.wish import Wish
-from saltus.policy.evaluation.walks import Operator, WalkStep
+from saltus.policy.evaluation.walks import WalkOperator, WalkStep
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.sim.plant_state import PlantState
 from saltus.trial import is_upright
@@ -27,7 +27,7 @@ MOST_TURN_RPS = 1.0
 WalkEndCause = Literal[
     "", "trunk_contact", "not_upright", "stopped", "left", "time_limit", "too_far"
 ]
-WalkRun = Callable[[Operator], Iterator[WalkStep]]
+WalkRun = Callable[[WalkOperator], Iterator[WalkStep]]
 """A robot, told by an operator, step by step."""
 
 

@@ -43,7 +43,12 @@ from saltus.policy.evaluation.walking_judge import (
 )
 from saltus.policy.evaluation.walking_jumps import JumpAngles, jumped_ground, run_jump
 from saltus.policy.evaluation.walking_routes import make_route
-from saltus.policy.evaluation.walks import Operator, RobotHeightSourceFactory, WalkStep, walk_steps
+from saltus.policy.evaluation.walks import (
+    RobotHeightSourceFactory,
+    WalkOperator,
+    WalkStep,
+    walk_steps,
+)
 from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.joints.walker import Walker
 from saltus.policy.mover import FeetLines, Jumper, Mover
@@ -141,7 +146,7 @@ class WalkTrialTask:
                 movers.append(Jumper(setup.robot, jumping_planner(setup.robot), lines=lines))
             source = self.source(setup)
 
-            def run(operator: Operator, here: Setup = setup) -> Iterator[WalkStep]:
+            def run(operator: WalkOperator, here: Setup = setup) -> Iterator[WalkStep]:
                 push_ns = trials.conditions.push_ns
                 # at once: the loop's variables are those of now
                 return walk_steps(here, movers, source, operator, tick, push_ns)  # noqa: B023

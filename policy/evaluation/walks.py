@@ -24,7 +24,7 @@ RobotHeightSource = Callable[[RobotState, PlantState], Heightmap]
 """Tells the heights of a state of one robot, which is asked for once a policy step."""
 RobotHeightSourceFactory = Callable[[Setup], RobotHeightSource]
 """Makes it; can be sent to another process."""
-Operator = Callable[[float, PlantState], Wish]
+WalkOperator = Callable[[float, PlantState], Wish]
 """Commands a robot that it sees: by the time of the run [s] and the robot's true state."""
 
 
@@ -60,7 +60,7 @@ def walk_steps(
     setup: Setup,
     movers: Sequence[Mover],
     source: RobotHeightSource,
-    operator: Operator,
+    operator: WalkOperator,
     tick: TickLaw,
     push_ns: float = 0.0,
 ) -> Iterator[WalkStep]:

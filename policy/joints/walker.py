@@ -15,7 +15,7 @@ from saltus.policy.joints.observation import (
     standing_height,
 )
 from saltus.policy.joints.policy import JointPolicy
-from saltus.policy.mover import PlannerDecision, Velocity
+from saltus.policy.mover import PlanarVelocity, PlannerDecision
 from saltus.robots.robot import JOINTS, Robot
 from saltus.rotations import rotation_matrix
 from saltus.states import standing_state
@@ -110,7 +110,7 @@ class Walker:
         self._begun_ns, self._acted_ns = state.time_ns, -1
         self._stopping_ns = self._footing = None
 
-    def _move(self, state: RobotState, heights: Floats, velocity: Velocity) -> None:
+    def _move(self, state: RobotState, heights: Floats, velocity: PlanarVelocity) -> None:
         share = (state.time_ns - self._begun_ns) / RISE_NS
         if self._footing is not None:
             self._targets = self._footing.step(state)
@@ -122,14 +122,16 @@ class Walker:
             self._act(state, told, velocity)
             self._acted_ns = state.time_ns
 
-    def _act(self, state: RobotState, heights: Floats, velocity: Velocity) -> None:
+    def _act(self, state: RobotState, heights: Floats, velocity: PlanarVelocity) -> None:
         vector = self._observer.vector(self._sensed(state, heights, velocity))
         self._action = self._policy(self._with_history(vector)[None])[0].astype(np.float64)
         ours = np.zeros(len(JOINTS))
         ours[self._described.order] = self._action
         self._targets = joint_targets(self._pose, self._scale, ours)
 
-    def _sensed(self, state: RobotState, heights: Floats, velocity: Velocity) -> WalkerReadings:
+    def _sensed(
+        self, state: RobotState, heights: Floats, velocity: PlanarVelocity
+    ) -> WalkerReadings:
         rotation = rotation_matrix(state.quaternion_base_in_world)
         return WalkerReadings(
             linear_velocity=state.velocity_base_in_world @ rotation,

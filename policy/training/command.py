@@ -24,7 +24,7 @@ GPU_EVALUATE_MINUTES = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Train(TrainingCommand):
+class TrainPolicyCommand(TrainingCommand):
     """Trains the motion policy: on a CPU to bound on flat ground, on a GPU on the paper's terrains.
 
     Ctrl-C saves.

@@ -15,7 +15,7 @@ from saltus.policy.walking.settings import WalkTrainSettings
 
 
 @dataclass(frozen=True, kw_only=True)
-class Train(TrainingCommand):
+class TrainWalkCommand(TrainingCommand):
     """Trains a policy that follows velocity commands with joint targets, on 187 heights.
 
     Ctrl-C saves. A flag wins over --config, --config over the resumed training or the defaults,
@@ -65,7 +65,7 @@ class Train(TrainingCommand):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Export:
+class ExportWalk:
     """Exports a walking policy's checkpoint to ONNX; a training does so by itself.
 
     Example: saltus policy walk export --checkpoint runs/DATE-policy-walk/checkpoint.pt
@@ -87,7 +87,7 @@ class Export:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Eval:
+class EvalWalk:
     """Measures a walking policy on the CPU engine: falls, and errors of its velocity.
 
     Example: saltus policy walk eval --model runs/DATE-policy-walk/walk.onnx --grounds plain rubble

@@ -17,8 +17,8 @@ from saltus.real2sim.cycle.trials import names_of, run_trials, trials_of
 from saltus.real2sim.progress import ProgressListener
 from saltus.used_networks import ModelKind
 
-When = Literal["before", "after"]
-MOMENTS: tuple[When, ...] = ("before", "after")
+BeforeOrAfter = Literal["before", "after"]
+MOMENTS: tuple[BeforeOrAfter, ...] = ("before", "after")
 NOT_MEASURED = "before and after are not measured: no profile of the robot was given with --hidden"
 
 
@@ -37,7 +37,9 @@ class MeasuredCourse:
         return list(self.failures.values()).count("")
 
 
-def read_measurement(folder: CycleFolder, when: When, course: str) -> MeasuredCourse | None:
+def read_measurement(
+    folder: CycleFolder, when: BeforeOrAfter, course: str
+) -> MeasuredCourse | None:
     """Reads what was measured so far; None where nothing was."""
     path = _file(folder, when, course)
     return (
@@ -48,7 +50,11 @@ def read_measurement(folder: CycleFolder, when: When, course: str) -> MeasuredCo
 
 
 def measure(
-    folder: CycleFolder, settings: CycleSettings, when: When, course: str, tell: ProgressListener
+    folder: CycleFolder,
+    settings: CycleSettings,
+    when: BeforeOrAfter,
+    course: str,
+    tell: ProgressListener,
 ) -> MeasuredCourse:
     """Runs the trials that are still missing of a course, and writes them down batch by batch."""
     models = models_of(folder, when)
@@ -78,16 +84,16 @@ def measure(
     return known
 
 
-def models_of(folder: CycleFolder, when: When) -> dict[ModelKind, Path | None]:
+def models_of(folder: CycleFolder, when: BeforeOrAfter) -> dict[ModelKind, Path | None]:
     """The ONNX file of each kind; None for the shipped one."""
     taken = taken_models(folder) if when == "after" else ()
     return {kind: folder.model(kind) if kind in taken else None for kind in MODELS}
 
 
-def known_of(folder: CycleFolder, when: When) -> str:
+def known_of(folder: CycleFolder, when: BeforeOrAfter) -> str:
     """Path of the profile of what is known of the robot: before the search, and after it."""
     return str(known_after(folder) if when == "after" else folder.known)
 
 
-def _file(folder: CycleFolder, when: When, course: str) -> Path:
+def _file(folder: CycleFolder, when: BeforeOrAfter, course: str) -> Path:
     return folder.measured / f"{when}-{course.partition(' ')[0]}.json"

@@ -25,8 +25,8 @@ from saltus.real2sim.cycle.hidden_and_found import TruthRow, truth_rows
 from saltus.real2sim.cycle.measuring import (
     MOMENTS,
     NOT_MEASURED,
+    BeforeOrAfter,
     MeasuredCourse,
-    When,
     known_of,
     models_of,
     read_measurement,
@@ -39,7 +39,7 @@ from saltus.reports.figures import BLUE, GREEN, GREY, RED, laid_out
 from saltus.reports.page import render_page, write_page
 from saltus.used_networks import ModelKind
 
-MeasuredCourses = dict[str, dict[When, MeasuredCourse]]
+MeasuredCourses = dict[str, dict[BeforeOrAfter, MeasuredCourse]]
 
 
 def cycle_results(folder: CycleFolder) -> dict[str, object]:
@@ -236,7 +236,7 @@ def _strip(
     folder: CycleFolder,
     settings: CycleSettings,
     trials: MeasuredCourse,
-    when: When,
+    when: BeforeOrAfter,
     course: str,
     seed: int,
 ) -> Markup:
@@ -273,10 +273,10 @@ def _number(value: float | None) -> str:
     return "-" if value is None else "a curve" if math.isnan(value) else f"{value:.4g}"
 
 
-COLOURS: dict[When, str] = {"before": RED, "after": BLUE}
+COLOURS: dict[BeforeOrAfter, str] = {"before": RED, "after": BLUE}
 
 
-def success_figure(courses: Mapping[str, Mapping[When, MeasuredCourse]]) -> go.Figure:
+def success_figure(courses: Mapping[str, Mapping[BeforeOrAfter, MeasuredCourse]]) -> go.Figure:
     """Share of trials that succeeded on each course before and after, with 95 % intervals."""
     figure = go.Figure()
     for when in MOMENTS:

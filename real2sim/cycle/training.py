@@ -12,7 +12,7 @@ from saltus.files import whole_folder
 from saltus.heightmap.collection import collect_shard
 from saltus.heightmap.settings import DeviceCollection, DeviceLoop, ProcessorCollection
 from saltus.policy.env.settings import LearningSettings
-from saltus.policy.training.command import Train
+from saltus.policy.training.command import TrainPolicyCommand
 from saltus.policy.training.files import CHECKPOINT
 from saltus.real2sim.cycle.folder import CycleFolder
 from saltus.real2sim.cycle.settings import CycleSettings
@@ -174,7 +174,7 @@ def train_policy(folder: CycleFolder, settings: CycleSettings) -> None:
     )
     minutes = settings.policy_minutes - done_s / 60.0
     if minutes > 0.0:
-        Train(
+        TrainPolicyCommand(
             out=folder.policy, minutes=minutes, resume=resume, training=config, evaluate_minutes=0.0
         ).run()
     export_policy(own, folder.policy / "policy.onnx")

@@ -44,7 +44,7 @@ class SensorNoise:
     foot_n: float = 2.0
 
 
-class Instruments:
+class SimulatedSensors:
     """Sensors with noise."""
 
     def __init__(self, noise: SensorNoise, rng: np.random.Generator) -> None:
@@ -175,7 +175,7 @@ def run_experiment(
     )  # fmt: skip
     tape = _move(plant, experiment, robot, sections, terrain, progress)
     rng = np.random.default_rng([seed, 1])
-    log = _log(tape, experiment, robot, terrain, Instruments(noise or SensorNoise(), rng))
+    log = _log(tape, experiment, robot, terrain, SimulatedSensors(noise or SensorNoise(), rng))
     if not experiment.camera:
         return log
     camera = camera or FootageCamera.on(robot)
@@ -243,7 +243,11 @@ def _commands(
 
 
 def _log(
-    tape: _Tape, experiment: Experiment, robot: Robot, terrain: Terrain, instruments: Instruments
+    tape: _Tape,
+    experiment: Experiment,
+    robot: Robot,
+    terrain: Terrain,
+    instruments: SimulatedSensors,
 ) -> RunLog:
     rows = tape.rows
     time_s = np.array([row.time_s for row in rows])

@@ -16,7 +16,7 @@ from saltus.robots.loading import load_robot
 
 
 @dataclass(frozen=True, kw_only=True)
-class Show(RobotOption, JsonOption):
+class ShowCamera(RobotOption, JsonOption):
     """Draws what a camera sees from a robot that stands, and from beside it.
 
     Prints where it sits and what it is.
@@ -77,7 +77,7 @@ class Show(RobotOption, JsonOption):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Mount(RobotOption):
+class MakeMount(RobotOption):
     """Makes a bracket that holds a D435i where a robot has its camera.
 
     Writes bracket.stl, to be printed, and bracket.svg, with its dimensions.
@@ -116,4 +116,7 @@ class Mount(RobotOption):
 class CameraCommands(CommandGroup):
     """Depth cameras: show, mount."""
 
-    command: Subcommands[Show | Mount]
+    command: Subcommands[
+        Annotated[ShowCamera, tyro.conf.subcommand("show")]
+        | Annotated[MakeMount, tyro.conf.subcommand("mount")]
+    ]

@@ -14,8 +14,8 @@ import tyro
 from tyro.conf import subcommand
 
 from saltus.cli.heightmap_data import CollectCommands, Dagger, DatasetCommands
-from saltus.cli.heightmap_measures import Check, Eval, Report
-from saltus.cli.heightmap_train import Export, Train
+from saltus.cli.heightmap_measures import Check, EvalHeightmap, ReportHeightmap
+from saltus.cli.heightmap_train import ExportHeightmap, TrainHeightmap
 from saltus.cli.scan_options import ScanOptions
 from saltus.cli.serve import serve_module
 from saltus.config import RunConfig
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Serve(ScanOptions):
+class ServeHeightmap(ScanOptions):
     """Runs the heightmap service: against a running stack, or on a recording.
 
     The line of the Go1 by default. With --grid scan 187 points, 1.6 x 1.0 m, of any robot and any
@@ -231,14 +231,14 @@ class HeightmapCommands(CommandGroup):
     """
 
     command: Subcommands[
-        Serve
+        Annotated[ServeHeightmap, subcommand("serve")]
         | Check
         | Give
         | Annotated[CollectCommands, subcommand("collect")]
         | Dagger
         | Annotated[DatasetCommands, subcommand("dataset")]
-        | Train
-        | Export
-        | Eval
-        | Report
+        | Annotated[TrainHeightmap, subcommand("train")]
+        | Annotated[ExportHeightmap, subcommand("export")]
+        | Annotated[EvalHeightmap, subcommand("eval")]
+        | Annotated[ReportHeightmap, subcommand("report")]
     ]

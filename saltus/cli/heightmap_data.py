@@ -349,7 +349,7 @@ class Merge:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Export:
+class ExportDataset:
     """Writes a dataset in a form that others read:
     a LeRobot dataset (v3.0) of plain Parquet, described in Croissant.
 
@@ -382,4 +382,4 @@ class Export:
 class DatasetCommands(CommandGroup):
     """Datasets on disk: info, validate, merge, export."""
 
-    command: Subcommands[Info | Validate | Merge | Export]
+    command: Subcommands[Info | Validate | Merge | Annotated[ExportDataset, subcommand("export")]]

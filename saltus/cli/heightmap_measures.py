@@ -23,7 +23,7 @@ from saltus.used_networks import model_id, model_path
 
 
 @dataclass(frozen=True, kw_only=True)
-class Report(JsonOption):
+class ReportHeightmap(JsonOption):
     """Measures the heightmaps of recorded runs and writes one HTML file.
 
     Example: saltus heightmap report runs/one/recording.mcap --model geometric
@@ -159,7 +159,7 @@ BAR = "{l_bar}{bar}| {elapsed}<{remaining}{postfix}"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Eval(RobotOption, ModelOptions, JsonOption):
+class EvalHeightmap(RobotOption, ModelOptions, JsonOption):
     """Measures a predictor in held-out runs,
     with policy and predictor in the loop, beside deprojection alone.
 

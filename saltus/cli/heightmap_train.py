@@ -63,7 +63,7 @@ class SettingsCommand:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Train(SettingsCommand):
+class TrainHeightmap(SettingsCommand):
     """Trains the heightmap network on a dataset; the same command resumes it after an interruption.
 
     The settings can also stand in a TOML file (--config), those of the network as model.hidden =
@@ -141,7 +141,7 @@ def _written_ns(path: Path) -> int | None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Export:
+class ExportHeightmap:
     """Exports a checkpoint to ONNX, measures the file on held-out episodes, and writes its card.
 
     Example: saltus heightmap export --data runs/all --checkpoint runs/heightmap/heightmap.pt

@@ -97,7 +97,7 @@ class Revoke(_KeysOption):
 
 
 @dataclass(frozen=True, kw_only=True)
-class List(_KeysOption, JsonOption):
+class ListKeys(_KeysOption, JsonOption):
     """Shows who may join.
 
     Example: saltus keys list --keys keys
@@ -126,7 +126,7 @@ Commands = (
     Annotated[Init, tyro.conf.subcommand("init")]
     | Annotated[Issue, tyro.conf.subcommand("issue")]
     | Annotated[Revoke, tyro.conf.subcommand("revoke")]
-    | Annotated[List, tyro.conf.subcommand("list")]
+    | Annotated[ListKeys, tyro.conf.subcommand("list")]
 )
 
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from saltus.cli.output import JsonOption, run_directory, table_lines
-from saltus.cli.policy_train import Train
-from saltus.cli.policy_walk import Trials
+from saltus.cli.policy_train import TrainPolicy
+from saltus.cli.policy_walk import WalkTrialsCommand
 from saltus.cli.run_options import (
     CourseOptions,
     HardwareOptions,
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Eval(ModelOptions, HardwareOptions, RobotOption, JsonOption):
+class EvalPolicy(ModelOptions, HardwareOptions, RobotOption, JsonOption):
     """Runs trials on one terrain, many robots at once, without the bus; leaves a report.
 
     Example: saltus policy eval --terrain stairs --rise-m 0.2 --trials 100 --seed 92000
@@ -153,7 +153,7 @@ class Eval(ModelOptions, HardwareOptions, RobotOption, JsonOption):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Export:
+class ExportPolicy:
     """Exports a checkpoint to the ONNX file that the planner runs.
 
     Example: saltus policy export --checkpoint runs/DATE-policy-train/checkpoint.pt
@@ -178,7 +178,7 @@ class Export:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Serve(ServeProcess):
+class ServePlanner(ServeProcess):
     """Runs the planner process against a running stack.
 
     Example: saltus policy serve --run-dir runs/one
@@ -188,8 +188,8 @@ class Serve(ServeProcess):
 
 
 @dataclass(frozen=True, kw_only=True)
-class WalkTrain(command.Train):  # noqa: D101 - that of the training below
-    __doc__ = command.Train.__doc__
+class TrainWalk(command.TrainWalkCommand):  # noqa: D101 - that of the training below
+    __doc__ = command.TrainWalkCommand.__doc__
 
     training: Annotated[WalkTrainSettings, tyro.conf.arg(name="")] = field(
         default_factory=lambda: WalkTrainSettings(robot=DEFAULT_ROBOT)
@@ -201,7 +201,10 @@ class WalkCommands(CommandGroup):
     """Policies that walk on velocity commands: train, export, eval, trials."""
 
     command: Subcommands[
-        Annotated[WalkTrain, tyro.conf.subcommand("train")] | command.Export | command.Eval | Trials
+        Annotated[TrainWalk, tyro.conf.subcommand("train")]
+        | Annotated[command.ExportWalk, tyro.conf.subcommand("export")]
+        | Annotated[command.EvalWalk, tyro.conf.subcommand("eval")]
+        | Annotated[WalkTrialsCommand, tyro.conf.subcommand("trials")]
     ]
 
 
@@ -210,7 +213,11 @@ class PolicyCommands(CommandGroup):
     """The motion planner: train, export, eval, serve; and walking."""
 
     command: Subcommands[
-        Train | Export | Eval | Serve | Annotated[WalkCommands, tyro.conf.subcommand("walk")]
+        Annotated[TrainPolicy, tyro.conf.subcommand("train")]
+        | Annotated[ExportPolicy, tyro.conf.subcommand("export")]
+        | Annotated[EvalPolicy, tyro.conf.subcommand("eval")]
+        | Annotated[ServePlanner, tyro.conf.subcommand("serve")]
+        | Annotated[WalkCommands, tyro.conf.subcommand("walk")]
     ]
 
 
@@ -237,7 +244,7 @@ def _print_table(result: "EvaluationResult", start: str) -> None:
     print(f"{share}{speed}{'; failed: ' + failures if failures else ''}")
 
 
-def _models(command: Eval) -> dict[str, str]:
+def _models(command: EvalPolicy) -> dict[str, str]:
     """Names of the networks that take part, by their kind."""
     paths = (
         {"policy": model_path("policy", command.policy_model, command.robot)}
@@ -249,7 +256,7 @@ def _models(command: Eval) -> dict[str, str]:
     return {kind: model_id(path.read_bytes()) for kind, path in paths.items()}
 
 
-def _as_table(command: Eval, result: "EvaluationResult") -> dict[str, object]:
+def _as_table(command: EvalPolicy, result: "EvaluationResult") -> dict[str, object]:
     from saltus.terrain.curriculum import make_terrain
 
     terrain = make_terrain(command.course)

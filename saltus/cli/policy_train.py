@@ -19,17 +19,19 @@ from saltus.robots.shipped import DEFAULT_ROBOT
 
 
 @dataclass(frozen=True, kw_only=True)
-class Train(command.Train):  # noqa: D101 - that of the training below
-    __doc__ = command.Train.__doc__
+class TrainPolicy(command.TrainPolicyCommand):  # noqa: D101 - that of the training below
+    __doc__ = command.TrainPolicyCommand.__doc__
 
     training: Annotated[JumpTrainSettings, tyro.conf.arg(name="")] = field(
         default_factory=partial(for_gpu, DEFAULT_ROBOT, DEFAULT_GRID)
     )
 
 
-def parse(arguments: Sequence[str] | None = None) -> command.Train:
+def parse(arguments: Sequence[str] | None = None) -> command.TrainPolicyCommand:
     """The command line, read twice: first for what says where the defaults come from."""
-    return tyro.cli(Train, args=arguments, default=tyro.cli(Train, args=arguments).defaults())
+    return tyro.cli(
+        TrainPolicy, args=arguments, default=tyro.cli(TrainPolicy, args=arguments).defaults()
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

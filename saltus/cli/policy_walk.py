@@ -32,7 +32,7 @@ ALL = ("plain", "rubble", "stairs", "irregular", "stones", "ramps", "hurdles")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trials(RobotOption, JsonOption):
+class WalkTrialsCommand(RobotOption, JsonOption):
     """Trials of a walking policy with the deployed planner, controller and heightmaps, without bus.
 
     A crossing is 10 m of a ground at 0.5 to 1.0 m/s, drawn by the seed. A drill is six drawn commands

@@ -346,7 +346,7 @@ def _described(experiment: "Experiment", robot: "Robot") -> dict[str, object]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Demo(RobotOption, JsonOption):
+class Real2simDemo(RobotOption, JsonOption):
     """Hides an effect in a simulated robot, finds it in a log,
     adds it to the simulator and looks again.
 
@@ -387,4 +387,11 @@ class Demo(RobotOption, JsonOption):
 class Real2simCommands(CommandGroup):
     """The effects that a simulator lacks: find and apply them, run experiments, train with them."""
 
-    command: Subcommands[Find | Import | Apply | Experiments | Demo | Cycle]
+    command: Subcommands[
+        Find
+        | Import
+        | Apply
+        | Experiments
+        | Annotated[Real2simDemo, tyro.conf.subcommand("demo")]
+        | Cycle
+    ]

@@ -17,7 +17,7 @@ DRAIN_PERIOD_S = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run(EndpointOption):
+class RecordRun(EndpointOption):
     """Records a running stack until Ctrl-C or until its router is gone.
 
     Example: saltus record run --run-dir runs/one
@@ -99,4 +99,4 @@ class Repair:
 class RecordCommands(CommandGroup):
     """Recordings: run (of a stack that somebody else has started), repair."""
 
-    command: Subcommands[Run | Repair]
+    command: Subcommands[Annotated[RecordRun, tyro.conf.subcommand("run")] | Repair]

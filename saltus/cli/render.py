@@ -50,7 +50,7 @@ class Preview(RobotOption):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fit(JsonOption):
+class FitStereo(JsonOption):
     """Estimates the noise of a real stereo camera from a recording of a scene at rest.
 
     Example: saltus render fit wall.bag
@@ -121,7 +121,7 @@ class Calibrate(JsonOption):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Serve(ServeProcess):
+class ServeCamera(ServeProcess):
     """Runs the camera process against a running stack.
 
     Example: saltus render serve --run-dir runs/one
@@ -134,4 +134,9 @@ class Serve(ServeProcess):
 class RenderCommands(CommandGroup):
     """The depth camera: preview, fit, calibrate, serve."""
 
-    command: Subcommands[Preview | Fit | Calibrate | Serve]
+    command: Subcommands[
+        Preview
+        | Annotated[FitStereo, tyro.conf.subcommand("fit")]
+        | Calibrate
+        | Annotated[ServeCamera, tyro.conf.subcommand("serve")]
+    ]

@@ -8,12 +8,12 @@ import numpy as np
 import tyro
 
 from saltus.cli.output import JsonOption, print_json
-from saltus.cli.robot_link import Log, Preflight, Run
+from saltus.cli.robot_link import LogRobot, Preflight, RunRobot
 from saltus.cli.robot_simulate import Simulate
 from saltus.flags import CommandGroup, Subcommands, flag_help
 
 if TYPE_CHECKING:
-    from saltus.robots.mjcf import Derivation
+    from saltus.robots.mjcf import RobotDerivation
     from saltus.robots.robot import Robot
 
 WORDS = {
@@ -26,7 +26,7 @@ WORDS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Show(JsonOption):
+class ShowRobot(JsonOption):
     """Says what was derived of a robot, from where, and what is missing.
 
     For example:
@@ -55,7 +55,7 @@ class Show(JsonOption):
 
 
 @dataclass(frozen=True, kw_only=True)
-class List:
+class ListRobots:
     """Names the robots that Saltus ships.
 
     Example: saltus robot list
@@ -75,10 +75,17 @@ class RobotCommands(CommandGroup):
     show, list, simulate, preflight, run, log.
     """
 
-    command: Subcommands[Show | List | Simulate | Preflight | Run | Log]
+    command: Subcommands[
+        Annotated[ShowRobot, tyro.conf.subcommand("show")]
+        | Annotated[ListRobots, tyro.conf.subcommand("list")]
+        | Simulate
+        | Preflight
+        | Annotated[RunRobot, tyro.conf.subcommand("run")]
+        | Annotated[LogRobot, tyro.conf.subcommand("log")]
+    ]
 
 
-def _lines(derivation: "Derivation") -> list[str]:
+def _lines(derivation: "RobotDerivation") -> list[str]:
     robot = derivation.robot
     lines = [
         f"{robot.name}: {robot.mass:.2f} kg, legs of {robot.thigh_length:.3f} + "
@@ -94,7 +101,7 @@ def _lines(derivation: "Derivation") -> list[str]:
     return lines
 
 
-def _table(derivation: "Derivation") -> dict[str, object]:
+def _table(derivation: "RobotDerivation") -> dict[str, object]:
     robot = derivation.robot
     values = {f.name: getattr(robot, f.name) for f in fields(robot)}
     plain = {

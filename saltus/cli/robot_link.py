@@ -177,7 +177,7 @@ def await_person(name: str) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Log(LinkOptions):
+class LogRobot(LinkOptions):
     """Records what a robot says and is told, at full rate, until Ctrl-C; it sends nothing.
 
     For example:
@@ -230,7 +230,7 @@ class Log(LinkOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run(PaceOptions, LinkOptions):
+class RunRobot(PaceOptions, LinkOptions):
     """Lets a robot stand, bound over level ground, or make an experiment's motion, over its own protocol.
 
     Its own motion service is released, and the robot listened to and refused as by the preflight.

@@ -55,7 +55,7 @@ class Watch:
         from saltus.watch.page import Page
         from saltus.watch.server import PageServer
         from saltus.watch.source import SceneSource
-        from saltus.watch.watcher import Watcher
+        from saltus.watch.watcher import PageWatcher
 
         sources = [SceneSource(path, robot) for path in self.runs for robot in self.robots or ("",)]
         with ThreadPoolExecutor(1) as starters:
@@ -64,7 +64,7 @@ class Watch:
             ).result()  # so its thread is there, with the priority that runs are to have
             stand_back()
             server = PageServer(PORT if self.port is None else self.port)
-            watcher = Watcher(Page(server), sources, starters)
+            watcher = PageWatcher(Page(server), sources, starters)
             print(f"watch at {server.address} until Ctrl-C", flush=True)
             tell_of_no_run(self.runs)
             try:

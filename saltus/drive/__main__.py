@@ -22,11 +22,11 @@ heard."""
 SPEED_MPS = 0.6
 """Between goals: well within what policies are trained for."""
 
-Driver = Callable[[RobotState], Wish | None]
+WishSource = Callable[[RobotState], Wish | None]
 """Says what is wished at a state, None at the end."""
 
 
-def body(context: ProcessContext, driver: Driver | None = None) -> None:
+def body(context: ProcessContext, driver: WishSource | None = None) -> None:
     """Answers until the driver or the run is over; by the run's own script where there is none."""
     drive = driver or of_run(context)
     states = context.bus.latest("controller/state")
@@ -48,7 +48,7 @@ def body(context: ProcessContext, driver: Driver | None = None) -> None:
         ticks += 1
 
 
-def of_run(context: ProcessContext) -> Driver:
+def of_run(context: ProcessContext) -> WishSource:
     """The script of a run, by the time of the run; it never ends, as others wait for it."""
     path = context.config.commands
     if path is None:
@@ -59,7 +59,7 @@ def of_run(context: ProcessContext) -> Driver:
     return lambda state: script.wish(1e-9 * state.time_ns, state)
 
 
-def by_script(path: Path) -> Driver:
+def by_script(path: Path) -> WishSource:
     """A script from the first state on, and a second more."""
     script, first = WishScript(path), list[int]()
 
@@ -71,7 +71,7 @@ def by_script(path: Path) -> Driver:
     return drive
 
 
-def by_goals(goals: Goals) -> Driver:
+def by_goals(goals: Goals) -> WishSource:
     """Goals, and a second more."""
     over = list[int]()
 
@@ -89,7 +89,7 @@ def _goal(text: str) -> tuple[float, float]:
     return x, y
 
 
-def _driver_of(own: argparse.Namespace) -> Driver | None:
+def _driver_of(own: argparse.Namespace) -> WishSource | None:
     if own.script is not None:
         return by_script(own.script)
     if own.goals:

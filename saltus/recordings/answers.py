@@ -12,7 +12,7 @@ from saltus.wire.messages import Message
 
 
 @dataclass(frozen=True, kw_only=True)
-class Difference:
+class MessageDifference:
     """A field of a message that is not as it was, or a message that one side alone has."""
 
     topic: str
@@ -73,7 +73,7 @@ class AnswerComparison:
         """By topic."""
         self.fields: dict[str, FieldDifference] = {}
         """By topic and field, e.g. "policy/plan.velocity_x"."""
-        self.first: Difference | None = None
+        self.first: MessageDifference | None = None
         """The first difference, in the order in which messages were said; None where all is
         equal."""
         self._said: dict[str, bytes] = {}
@@ -129,7 +129,7 @@ class AnswerComparison:
     def _note(
         self, topic: str, time_ns: int, place: str, recorded: object, replayed: object
     ) -> None:
-        self.first = self.first or Difference(
+        self.first = self.first or MessageDifference(
             topic=topic, time_ns=time_ns, field=place, recorded=recorded, replayed=replayed
         )
 

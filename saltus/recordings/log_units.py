@@ -59,7 +59,7 @@ class LogSignal:
     """A part of a run log that has one unit."""
 
     key: str
-    """Field of `Units` that says it."""
+    """Field of `LogUnits` that says it."""
     units: dict[str, float]
     """How many SI units one of each is."""
     table: str = "joints"
@@ -82,7 +82,7 @@ SIGNALS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Units:
+class LogUnits:
     """Units of a recording where they are not SI units: a name, or how many SI units one of it is.
 
     Raises:
@@ -158,7 +158,7 @@ def _value(key: str, unit: Unit, units: dict[str, float]) -> float:
     return float(unit)
 
 
-def stated_units(meta: Mapping[str, object]) -> Units:
+def stated_units(meta: Mapping[str, object]) -> LogUnits:
     """Units that the claims of a run log state; SI units where they state none.
 
     Raises:
@@ -168,12 +168,12 @@ def stated_units(meta: Mapping[str, object]) -> Units:
     try:
         if not isinstance(table, dict):
             raise ConfigError(f"'units' must be a table, not {table!r}")
-        return from_table(Units, table, "units.")
+        return from_table(LogUnits, table, "units.")
     except ConfigError as error:
         raise RecordingError(f"meta.json: {error}") from error
 
 
-def in_si(any_log: Log, units: Units) -> Log:
+def in_si(any_log: Log, units: LogUnits) -> Log:
     """A log whose numbers are in other units, in SI units and whole millimetres."""
     log: Any = any_log
     signals = {
@@ -203,7 +203,7 @@ def in_si(any_log: Log, units: Units) -> Log:
     return in_units
 
 
-def _table(name: str, table: Any, units: Units) -> Any:
+def _table(name: str, table: Any, units: LogUnits) -> Any:
     """A table of a run log, or None, in SI units."""
     if table is None:
         return None

@@ -38,7 +38,7 @@ from saltus.recordings.viewer import Viewer
 from saltus.setup import Setup
 from saltus.used_networks import network_names
 from saltus.wire import codec
-from saltus.wire.bus import RawSample, Stream, topic_of, unpack_sample
+from saltus.wire.bus import MessageStream, RawSample, topic_of, unpack_sample
 from saltus.wire.codec import Envelope
 from saltus.wire.messages import GroundTruth, Message, RobotState
 from saltus.wire.schemas import TYPE_NAME
@@ -125,7 +125,7 @@ class Recorder:
             for derived in (*still, *self._viewer.derive(raw.key, message, arrival_ns)):
                 self._add(derived.topic, derived.type_name, envelope, arrival_ns, derived.payload)
 
-    def write_all(self, stream: Stream) -> None:
+    def write_all(self, stream: MessageStream) -> None:
         """Records what has come since the last call."""
         for raw in stream.drain():
             self.write(raw)

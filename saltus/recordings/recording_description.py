@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 from saltus.flags import flag_help
-from saltus.recordings.log_units import Units
+from saltus.recordings.log_units import LogUnits
 
 TopicName = Annotated[str | None, flag_help("TOPIC", "the only one of its type")]
 
@@ -88,5 +88,5 @@ class RecordingDescription:
     """
     columns: TableColumns | None = None
     """Columns of a table."""
-    units: Units = field(default_factory=Units)
+    units: LogUnits = field(default_factory=LogUnits)
     """Units of the signals that are not in SI units."""

@@ -10,7 +10,7 @@ from saltus.robots.shipped import REFERENCE, SUPPLEMENT_FILE, shipped_folder, sh
 from saltus.robots.supplement import load_supplement
 
 if TYPE_CHECKING:
-    from saltus.robots.mjcf import Derivation
+    from saltus.robots.mjcf import RobotDerivation
 
 MODEL_SUFFIXES = (".xml", ".mjcf")  # MuJoCo knows no format by another one
 
@@ -36,7 +36,7 @@ def reference_robot() -> Robot:
     return load_robot(REFERENCE)
 
 
-def derive_robot(name_or_path: str, supplement: Path | None = None) -> "Derivation":
+def derive_robot(name_or_path: str, supplement: Path | None = None) -> "RobotDerivation":
     """Makes a robot of an MJCF, a folder or a shipped name, and says where each field comes from.
 
     A folder's robot.toml is its supplement where none is given.

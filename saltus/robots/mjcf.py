@@ -37,14 +37,14 @@ class FieldOrigin:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Derivation:
+class RobotDerivation:
     """A robot, and where its fields come from."""
 
     robot: Robot
     origins: tuple[FieldOrigin, ...]
 
 
-def derive_robot(mjcf: Path, supplement: Path | None = None) -> Derivation:
+def derive_robot(mjcf: Path, supplement: Path | None = None) -> RobotDerivation:
     """Derives a robot from its model, and a TOML file with fields
     of `saltus.robots.supplement.RobotSupplement`.
 
@@ -71,7 +71,7 @@ class _Deriver:
         self._signs = np.array([sign for leg in structure.legs for sign in leg.sign])
         self._origins: list[FieldOrigin] = []
 
-    def result(self) -> Derivation:
+    def result(self) -> RobotDerivation:
         """First what is read and given, then what follows from it."""
         geometry = self._geometry()
         robot = Robot(
@@ -83,7 +83,7 @@ class _Deriver:
         robot = replace(robot, stand_height=self._stand_height(robot))
         robot = replace(robot, mjcf=self._plain_model(robot))
         robot = replace(robot, inertia=self._inertia(robot))
-        return Derivation(robot=robot, origins=tuple(self._origins))
+        return RobotDerivation(robot=robot, origins=tuple(self._origins))
 
     def _geometry(self) -> dict[str, Any]:
         legs = self._structure.legs

@@ -19,7 +19,7 @@ from saltus.runtime.process import ProcessContext
 from saltus.runtime.programs import OPERATOR, PROGRAMS
 from saltus.setup import Setup
 from saltus.wire import codec
-from saltus.wire.bus import Bell, Bus, Latest, RawSample, Slot, Stream
+from saltus.wire.bus import Bell, Bus, Latest, MessageStream, RawSample, Slot
 from saltus.wire.messages import Message
 
 
@@ -142,9 +142,9 @@ class _RecordedBus(Bus):
         self._slots.setdefault(key, []).append(slot)
         return self._latest(topic, slot)
 
-    def stream(self, capacity: int = 0) -> Stream:
+    def stream(self, capacity: int = 0) -> MessageStream:
         """An empty one: processes have none."""
-        return Stream(capacity)
+        return MessageStream(capacity)
 
     def connected(self) -> bool:
         """Always."""

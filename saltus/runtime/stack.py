@@ -32,7 +32,7 @@ from saltus.runtime.real_time import RealTimeFactor, RealTimeMonitor
 from saltus.runtime.run_folder import CLIENT_FILE, write_run
 from saltus.runtime.run_recorder import RunRecorder
 from saltus.tuning import kept_small, prefer_this_thread
-from saltus.wire.bus import Latest, Publisher, RawSample, Stream, sender_of, unpack_sample
+from saltus.wire.bus import Latest, MessageStream, Publisher, RawSample, sender_of, unpack_sample
 from saltus.wire.codec import Envelope
 from saltus.wire.joining import write_client
 from saltus.wire.messages import OPERATOR, SUPERVISOR, Event, Message, ProcessStatus
@@ -113,7 +113,7 @@ class Stack:
         self._events_sent = self._events_seen = 0
         self._resources = contextlib.ExitStack()
         self._bus: ZenohBus
-        self._stream: Stream
+        self._stream: MessageStream
         self._sharer: Sharer
         self._events: Publisher
         self._recorder: RunRecorder

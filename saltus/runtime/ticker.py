@@ -1,41 +1,8 @@
-"""The age of a message, and a loop of fixed rate."""
+"""A loop of fixed rate."""
 
 import time
-from enum import Enum
 
 from saltus.clock import RunClock
-from saltus.wire.topics import Topic
-
-FUTURE_TOLERANCE_NS = (
-    5_000_000  # clocks of one machine agree; 5 ms is a rounding, more is another clock
-)
-
-
-class Staleness(Enum):
-    """True where a message may still be used."""
-
-    OK = "ok"
-    DEGRADED = "degraded"
-    INVALID = "invalid"
-    FUTURE = "future"
-    """Captured later than now: a wrong clock, as unusable as INVALID."""
-
-    @property
-    def usable(self) -> bool:
-        """True where a consumer may act on the message at all."""
-        return self in (Staleness.OK, Staleness.DEGRADED)
-
-
-def staleness_of(topic: Topic, capture_ns: int, now_ns: int) -> Staleness:
-    """Judges a message by its age, both times in the run's clock."""
-    age_ns = now_ns - capture_ns
-    if age_ns < -FUTURE_TOLERANCE_NS:
-        return Staleness.FUTURE
-    if age_ns > 1e9 * topic.invalid_age_s:
-        return Staleness.INVALID
-    if age_ns > 1e9 * topic.degraded_age_s:
-        return Staleness.DEGRADED
-    return Staleness.OK
 
 
 class Ticker:

@@ -13,7 +13,7 @@ from saltus.errors import MessageError
 from saltus.recordings.recording import RecordedMessage
 from saltus.runtime.run_folder import read_run
 from saltus.watch.scene import LOOK_BACK_NS, Scene, SceneMaker, SceneWorld
-from saltus.wire.bus import RawSample, Stream, topic_of, unpack_sample
+from saltus.wire.bus import MessageStream, RawSample, topic_of, unpack_sample
 from saltus.wire.codec import Envelope
 from saltus.wire.messages import OPERATOR, Event
 from saltus.wire.sharing import PERIOD_S, unpack_samples
@@ -40,8 +40,8 @@ class Onlooker:
 
     def __init__(self, bus: ZenohBus, capacity: int) -> None:
         self._bus, self._capacity = bus, capacity
-        self._shared = Stream(capacity)
-        self._own: Stream | None = None
+        self._shared = MessageStream(capacity)
+        self._own: MessageStream | None = None
         self._heard_itself: dict[tuple[str, bytes], int] = {}
         """When it heard what it may be handed on as well [ns]."""
         self._heard_ns = time.monotonic_ns()

@@ -44,7 +44,7 @@ FAULTS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Start:
+class StartRequest:
     """Somebody has pressed the button that starts a run."""
 
     terrain: str
@@ -54,7 +54,7 @@ class Start:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Ask:
+class RunRequest:
     """Somebody has pressed a button that asks something of the run that goes on."""
 
     code: str
@@ -66,7 +66,7 @@ class Page:
 
     def __init__(self, server: PageServer) -> None:
         self.server = server
-        self.pressed: queue.SimpleQueue[Start | Ask] = queue.SimpleQueue()
+        self.pressed: queue.SimpleQueue[StartRequest | RunRequest] = queue.SimpleQueue()
         """Filled by viser's threads."""
         self.playing = True
         self.time_s = 0.0
@@ -206,11 +206,11 @@ class Page:
         self._faults = gui.add_folder("Faults", visible=False)
         with self._faults:
             for label, (code, detail) in FAULTS.items():
-                self._on_click(gui.add_button(label), partial(Ask, code=code, detail=detail))
-        self._on_click(self._stop, partial(Ask, code="stop"))
+                self._on_click(gui.add_button(label), partial(RunRequest, code=code, detail=detail))
+        self._on_click(self._stop, partial(RunRequest, code="stop"))
         self._on_click(
             start,
-            lambda: Start(
+            lambda: StartRequest(
                 terrain=str(terrain.value), seed=int(seed.value or 0), speed=str(speed.value)
             ),
         )
@@ -225,7 +225,9 @@ class Page:
                 self._set_playing(False)
                 self.time_s = float(self._slider.value)
 
-    def _on_click(self, button: viser.GuiButtonHandle, make: Callable[[], Start | Ask]) -> None:
+    def _on_click(
+        self, button: viser.GuiButtonHandle, make: Callable[[], StartRequest | RunRequest]
+    ) -> None:
         button.on_click(lambda _: self.pressed.put(make()))
 
     def _set_playing(self, playing: bool) -> None:

@@ -19,7 +19,6 @@ from saltus.recordings.recording import RecordedMessage
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
 from saltus.rotations import rotation_matrix, yaw_rotation
-from saltus.runtime.ticker import staleness_of
 from saltus.terrain.terrain import Terrain
 from saltus.wire import codec
 from saltus.wire.messages import (
@@ -36,7 +35,7 @@ from saltus.wire.messages import (
     RobotState,
     points_of,
 )
-from saltus.wire.topics import CAMERA_LATENCY_S, TOPICS, depth_topic
+from saltus.wire.topics import CAMERA_LATENCY_S, TOPICS, depth_topic, staleness_of
 
 MessageT = TypeVar("MessageT", bound=Message)
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from saltus.folders import new_folder
-from saltus.watch.page import Ask, Page, Start
+from saltus.watch.page import Page, RunRequest, StartRequest
 from saltus.watch.panel import BAD
 from saltus.watch.source import SceneSource
 from saltus.wire.sharing import PERIOD_S
@@ -21,7 +21,7 @@ END_S = 10.0  # a robot lands and stands within 1.5 s, of the run's clock
 ERRORS_FILE = "up.log"
 
 
-class Watcher:
+class PageWatcher:
     """Shows sources on a page.
 
     A run that is started on it, by a thread of `starters`, takes their place.
@@ -125,15 +125,15 @@ class Watcher:
             may_ask=any(source.may_ask for source in self._sources),
         )
 
-    def _do(self, pressed: Start | Ask) -> None:
-        if isinstance(pressed, Start):
+    def _do(self, pressed: StartRequest | RunRequest) -> None:
+        if isinstance(pressed, StartRequest):
             self._start(pressed)
             return
         for source in self._sources:
             if source.live is not None and source.may_ask:
                 source.live.ask(pressed.code, pressed.detail)
 
-    def _start(self, start: Start) -> None:
+    def _start(self, start: StartRequest) -> None:
         if self._started is not None and self._started.poll() is None:
             return  # one at a time
         for source in self._sources:

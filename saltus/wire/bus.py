@@ -118,7 +118,7 @@ class Slot:
         return self._samples.popleft() if self._samples else None
 
 
-class Stream:
+class MessageStream:
     """Counted FIFO of everything on the bus, for the recorder. Thread-safe."""
 
     def __init__(self, capacity: int = STREAM_CAPACITY) -> None:
@@ -273,7 +273,7 @@ class Bus(ABC):
         """
 
     @abstractmethod
-    def stream(self, capacity: int = STREAM_CAPACITY) -> Stream:
+    def stream(self, capacity: int = STREAM_CAPACITY) -> MessageStream:
         """Everything below the prefix."""
 
     @abstractmethod

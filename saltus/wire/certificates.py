@@ -18,7 +18,7 @@ from saltus.config import load_config as read_toml_file
 from saltus.config import to_toml
 from saltus.errors import ConfigError, check_known, nearest_hint
 from saltus.files import atomic_write
-from saltus.wire.joining import Certificate, write_client
+from saltus.wire.joining import ClientCertificate, write_client
 from saltus.wire.roles import ROLES, access_control
 from saltus.wire.router import NetworkAccess
 
@@ -31,7 +31,7 @@ _AUTHORITY_DAYS = 3650
 
 
 @dataclass(frozen=True, kw_only=True)
-class Issued:
+class IssuedCertificate:
     """One certificate that was issued."""
 
     name: str
@@ -50,7 +50,7 @@ class AuthorityKeys:
 
     address: str
     """Address of the router, as others connect to it: host:port."""
-    issued: tuple[Issued, ...] = ()
+    issued: tuple[IssuedCertificate, ...] = ()
 
     @property
     def names(self) -> dict[str, str]:
@@ -162,7 +162,7 @@ def _private(host: str) -> bool:
 
 def _issue(
     folder: Path, keys: AuthorityKeys, role: str, days: int
-) -> tuple[AuthorityKeys, Certificate]:
+) -> tuple[AuthorityKeys, ClientCertificate]:
     """Signs a certificate for a new key and puts it on the list."""
     own, key = _read(folder, AUTHORITY), _new_key()
     try:
@@ -186,11 +186,13 @@ def _issue(
         .sign(signer, hashes.SHA256())
     )
     until = certificate.not_valid_after_utc.date().isoformat()
-    one = Issued(name=name, role=role, serial=f"{certificate.serial_number:x}", until=until)
+    one = IssuedCertificate(
+        name=name, role=role, serial=f"{certificate.serial_number:x}", until=until
+    )
     keys = replace(keys, issued=(*keys.issued, one))
     _save(folder, keys)
     text = certificate.public_bytes(serialization.Encoding.PEM)
-    return keys, Certificate(authority=own.certificate, certificate=text, key=_pem(key))
+    return keys, ClientCertificate(authority=own.certificate, certificate=text, key=_pem(key))
 
 
 def _alternative(role: str, name: str, keys: AuthorityKeys) -> x509.GeneralName:
@@ -233,13 +235,13 @@ def _write(folder: Path, name: str, key: bytes, certificate: x509.Certificate) -
     (folder / f"{name}.pem").write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
 
 
-def _read(folder: Path, name: str) -> Certificate:
+def _read(folder: Path, name: str) -> ClientCertificate:
     files = (f"{AUTHORITY}.pem", f"{name}.pem", f"{name}.key")
     try:
         authority, certificate, key = ((folder / file).read_bytes() for file in files)
     except OSError as error:
         raise ConfigError(f"{error.filename} cannot be read: {error.strerror}") from error
-    return Certificate(authority=authority, certificate=certificate, key=key)
+    return ClientCertificate(authority=authority, certificate=certificate, key=key)
 
 
 def _save(folder: Path, keys: AuthorityKeys) -> None:

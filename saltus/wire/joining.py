@@ -24,7 +24,7 @@ _LOOK_S = 1.0  # for a port to take a connection
 
 
 @dataclass(frozen=True, kw_only=True)
-class Certificate:
+class ClientCertificate:
     """A certificate, its key, and the certificate of who issued it and those of the others,
     all in PEM.
     """
@@ -76,7 +76,7 @@ def open_session(
 
 
 def write_client(
-    path: Path, endpoint: str, certificate: Certificate | None = None, speed: float = 1.0
+    path: Path, endpoint: str, certificate: ClientCertificate | None = None, speed: float = 1.0
 ) -> None:
     """Writes a configuration of Zenoh with which any program joins a router:
     `zenoh.Config.from_file(path)`.
@@ -112,7 +112,7 @@ def read_client(path: Path) -> str:
     return str(endpoints[0])
 
 
-def mutual_tls(own: Certificate, side: Literal["connect", "listen"]) -> dict[str, object]:
+def mutual_tls(own: ClientCertificate, side: Literal["connect", "listen"]) -> dict[str, object]:
     """Zenoh's settings with which both ends of a link must show a certificate that holds."""
     texts = {
         "root_ca_certificate": own.authority, f"{side}_certificate": own.certificate,

@@ -12,7 +12,7 @@ import zenoh
 
 from saltus.errors import StackError
 from saltus.resources import shipped_file
-from saltus.wire.joining import LOCAL, Certificate, lease_slowed, mutual_tls
+from saltus.wire.joining import LOCAL, ClientCertificate, lease_slowed, mutual_tls
 
 RECEIVING_THREADS = 16
 """Threads of a process that hosts a router; Zenoh makes them for its first session. In lockstep one
@@ -32,7 +32,7 @@ class NetworkAccess:
 
     listen: str
     """Where, e.g. tls/192.168.123.10:7447."""
-    certificate: Certificate
+    certificate: ClientCertificate
     """The router's."""
     access_control: dict[str, object]
     """Rights of each certificate, as Zenoh's configuration says them."""

@@ -1,6 +1,7 @@
 """THE table of topics: key, type, publisher, readers, rate, and the age that is allowed."""
 
 from dataclasses import dataclass, replace
+from enum import Enum
 
 from saltus.wire import messages
 from saltus.wire.messages import Message
@@ -112,3 +113,34 @@ def depth_topic(latency_s: float) -> Topic:
     return replace(
         TOPICS["camera/depth"], nominal_age_s=max(latency_s, CAMERA_LATENCY_S) + CAMERA_PERIOD_S
     )
+
+
+FUTURE_TOLERANCE_NS = 5_000_000
+"""Clocks of one machine agree; 5 ms is a rounding, more is another clock."""
+
+
+class Staleness(Enum):
+    """Judgement of a message's age, by the limits of its topic."""
+
+    OK = "ok"
+    DEGRADED = "degraded"
+    INVALID = "invalid"
+    FUTURE = "future"
+    """Captured later than now: a wrong clock, as unusable as INVALID."""
+
+    @property
+    def usable(self) -> bool:
+        """True where a consumer may act on the message at all."""
+        return self in (Staleness.OK, Staleness.DEGRADED)
+
+
+def staleness_of(topic: Topic, capture_ns: int, now_ns: int) -> Staleness:
+    """Judges a message by its age, both times in the run's clock."""
+    age_ns = now_ns - capture_ns
+    if age_ns < -FUTURE_TOLERANCE_NS:
+        return Staleness.FUTURE
+    if age_ns > 1e9 * topic.invalid_age_s:
+        return Staleness.INVALID
+    if age_ns > 1e9 * topic.degraded_age_s:
+        return Staleness.DEGRADED
+    return Staleness.OK

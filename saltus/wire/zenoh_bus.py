@@ -9,7 +9,7 @@ import zenoh
 from saltus.config import RunConfig
 from saltus.tuning import keep_thread, switch_soon
 from saltus.wire import codec
-from saltus.wire.bus import RING, STREAM_CAPACITY, Bell, Bus, Latest, RawSample, Slot, Stream
+from saltus.wire.bus import RING, STREAM_CAPACITY, Bell, Bus, Latest, MessageStream, RawSample, Slot
 from saltus.wire.codec import Envelope
 from saltus.wire.joining import open_session
 from saltus.wire.messages import Message
@@ -105,13 +105,13 @@ class ZenohBus(Bus):
         self._session.declare_subscriber(key, zenoh.handlers.Callback(receive, indirect=False))
         return self._latest(topic, slot)
 
-    def stream(self, capacity: int = STREAM_CAPACITY) -> Stream:
+    def stream(self, capacity: int = STREAM_CAPACITY) -> MessageStream:
         """See `Bus.stream`."""
         start = len(self.prefix) + 1
         if self._dates:
             channel: zenoh.handlers.FifoChannel[zenoh.Sample] = zenoh.handlers.FifoChannel(capacity)
             return KeptStream(self._session.declare_subscriber(f"{self.prefix}/**", channel), start)
-        stream = Stream(capacity)
+        stream = MessageStream(capacity)
         switch_as_before = switch_soon()
 
         def receive(sample: zenoh.Sample) -> None:
@@ -168,7 +168,7 @@ class KeptSlot(Slot):
         return None if sample is None else _raw(sample, self._name)
 
 
-class KeptStream(Stream):
+class KeptStream(MessageStream):
     """A stream whose messages Zenoh keeps, dated, until they are drained.
 
     Where nobody drains it for so long that it is full, nothing more comes: senders in real time
@@ -182,7 +182,7 @@ class KeptStream(Stream):
         self.end = subscriber.undeclare
 
     def drain(self) -> list[RawSample]:
-        """See `Stream.drain`."""
+        """See `MessageStream.drain`."""
         now_ns = time.monotonic_ns()
         ahead_ns, since_ns = time.time_ns() - now_ns, self._drained_ns
         samples = []

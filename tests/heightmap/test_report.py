@@ -11,7 +11,7 @@ from report_pages import opens_without_a_network
 from samples import ROBOT
 
 from saltus import rotations
-from saltus.cli.heightmap_measures import Report
+from saltus.cli.heightmap_measures import ReportHeightmap
 from saltus.config import TerrainConfig
 from saltus.depth import MODEL_CAMERA, RANGE_M
 from saltus.errors import RecordingError
@@ -258,7 +258,9 @@ def test_a_cut_recording_is_measured_and_says_what_is_lost(
     path = tmp_path / "cut.mcap"
     path.write_bytes(data[: int(kept * len(data))])
     out = tmp_path / "report"
-    assert Report(recordings=(path, recording.path), model=("geometric",), out=out).run() == 0
+    assert (
+        ReportHeightmap(recordings=(path, recording.path), model=("geometric",), out=out).run() == 0
+    )
     text = (out / "report.html").read_text()
     assert "Lost in cut" in text
     assert "Lost in run" not in text
@@ -326,7 +328,9 @@ def test_the_page_has_every_part_and_numbers_are_json(
     out = tmp_path / "report"
     names = ("geometric", "geometric-feet")
     assert (
-        Report(recordings=(recording.path, recording.path), model=names, out=out, json=True).run()
+        ReportHeightmap(
+            recordings=(recording.path, recording.path), model=names, out=out, json=True
+        ).run()
         == 0
     )
     numbers = json.loads(capsys.readouterr().out.splitlines()[-1])

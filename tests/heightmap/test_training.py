@@ -145,7 +145,7 @@ def test_the_command_measures_on_unseen_data_and_says_so(
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("step", ["warmup_frames", "parity", "accuracy"])
+@pytest.mark.parametrize("step", ["warmup_frames", "parity", "height_accuracy"])
 def test_an_export_that_ends_early_leaves_the_model_that_was_there(
     data: Path,
     released: tuple[ModelRelease, Path],
@@ -202,7 +202,7 @@ def test_a_file_of_another_network_is_refused(
     monkeypatch: pytest.MonkeyPatch,
     damage: Callable[[HeightmapModel], None],
 ) -> None:
-    law = heightmap_release.export
+    law = heightmap_release.export_heightmap
 
     def wrong(model: HeightmapModel, *rest: Any) -> None:
         other = copy.deepcopy(model)
@@ -233,13 +233,13 @@ def test_an_interrupted_training_goes_on(data: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.sample(1)
-@pytest.mark.parametrize("where", ["run_window", "calibrate"])
+@pytest.mark.parametrize("where", ["run_window", "calibrate_intervals"])
 def test_what_was_learned_before_an_interruption_is_kept(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:
     checkpoint, calls = tmp_path / "c.pt", []
     config = PredictorTraining(**{**vars(SOME), "save_every_s": math.inf})
-    interrupted_at = {"run_window": 5, "calibrate": 1}[where]
+    interrupted_at = {"run_window": 5, "calibrate_intervals": 1}[where]
     law = getattr(heightmap_train, where)
 
     def interrupted(*given: Any) -> Any:

@@ -17,7 +17,7 @@ import torch
 from tensordict import TensorDict
 
 from saltus.cli.main import main
-from saltus.cli.policy_train import Train, parse
+from saltus.cli.policy_train import TrainPolicy, parse
 from saltus.config import to_toml
 from saltus.errors import SaltusError
 from saltus.folders import setting_differences
@@ -100,10 +100,10 @@ def resumed(tmp_path: Path) -> Path:
 
 
 @pytest.fixture(params=["new", "goes on"])
-def begun(request: pytest.FixtureRequest, resumed: Path) -> tuple[JumpTrainSettings, Train]:
+def begun(request: pytest.FixtureRequest, resumed: Path) -> tuple[JumpTrainSettings, TrainPolicy]:
     """What a training begins with, and its command."""
     goes_on = request.param == "goes on"
-    return (RESUMED if goes_on else for_cpu("go1", "line")), Train(
+    return (RESUMED if goes_on else for_cpu("go1", "line")), TrainPolicy(
         device="cpu", resume=resumed if goes_on else None
     )
 
@@ -113,7 +113,7 @@ each_value = pytest.mark.parametrize("path", [path for path, _ in FAMILY], ids="
 
 @each_value
 def test_a_file_with_one_value_changes_that_value_alone(
-    path: tuple[str, ...], begun: tuple[JumpTrainSettings, Train], tmp_path: Path
+    path: tuple[str, ...], begun: tuple[JumpTrainSettings, TrainPolicy], tmp_path: Path
 ) -> None:
     before, command = begun
     new = other(at(before, path))
@@ -150,7 +150,7 @@ def check_changed(
 
 
 def test_the_command_line_changes_nothing_of_a_file(
-    begun: tuple[JumpTrainSettings, Train], tmp_path: Path
+    begun: tuple[JumpTrainSettings, TrainPolicy], tmp_path: Path
 ) -> None:
     """Nor of what is resumed: values of all fields come through it as they are."""
     before, command = begun

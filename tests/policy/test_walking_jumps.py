@@ -18,7 +18,7 @@ from saltus.grid import WALKING_GRID
 from saltus.policy.evaluation.walking_errands import STOP_WITHIN_M, run_stop
 from saltus.policy.evaluation.walking_jumps import JUMPED, JumpAngles, jumped_ground, run_jump
 from saltus.policy.evaluation.walking_trials import WalkTrials, WalkTrialTask
-from saltus.policy.evaluation.walks import Operator, TrueHeightSource, WalkStep
+from saltus.policy.evaluation.walks import TrueHeightSource, WalkOperator, WalkStep
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.terrain.terrain import FIRST_EDGE_X, RUN_OUT, TRENCH_DEPTH
 from saltus.trial import Trial
@@ -58,7 +58,7 @@ class Obedient:
         self._share, self._slides_s, self._changes = turn_share, slides_s, changes
         self._truth = MujocoRobot(setup_of(TerrainConfig(terrain="flat"), Trial.draw(0))).state
 
-    def run(self, operator: Operator) -> Iterator[WalkStep]:
+    def run(self, operator: WalkOperator) -> Iterator[WalkStep]:
         """Its motion, from a yaw of 0.04 rad on."""
         x = y = left_s = 0.0
         yaw = 0.04

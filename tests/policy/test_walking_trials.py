@@ -30,7 +30,7 @@ from saltus.policy.evaluation.walking_grounds import (
     make_walk_ground,
 )
 from saltus.policy.evaluation.walking_routes import ROUTES, make_route
-from saltus.policy.evaluation.walks import Operator, TrueHeightSource, WalkStep, walk_steps
+from saltus.policy.evaluation.walks import TrueHeightSource, WalkOperator, WalkStep, walk_steps
 from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.joints.walker import Walker
 from saltus.rotations import quaternion_from_roll_pitch_yaw
@@ -98,7 +98,7 @@ class Kinematic:
         )
         self._truth, self._error, self._stops_s = next(steps).truth, np.array(error), stops_s
 
-    def run(self, operator: Operator, **changes: Any) -> Iterator[WalkStep]:
+    def run(self, operator: WalkOperator, **changes: Any) -> Iterator[WalkStep]:
         """Its motion."""
         x = y = yaw = told_s = 0.0
         last = Wish()
@@ -138,11 +138,11 @@ def test_who_does_what_it_is_told_crosses_and_errors_are_those_made(tmp_path: Pa
     crossed = trials.cross(obedient.run, 4)
     assert (crossed.cause, crossed.distance_m) == ("", pytest.approx(FINISH_X, abs=0.02))
     assert crossed.time_s * crossed.speed_mps == pytest.approx(FINISH_X, abs=0.05)
-    drilled = trials.drill(obedient.run, 4)
+    drilled = trials.run_drill(obedient.run, 4)
     assert drilled.errors == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
     assert (drilled.stop_m, drilled.stop_s) == pytest.approx((0.0, 0.0), abs=0.02)
     assert drilled.turn_s == pytest.approx(math.pi, abs=0.02)
-    worse = trials.drill(Kinematic(tmp_path, error).run, 4)
+    worse = trials.run_drill(Kinematic(tmp_path, error).run, 4)
     assert worse.errors == pytest.approx(np.abs(error), abs=1e-9)
 
 
@@ -158,7 +158,7 @@ def test_a_robot_that_cannot_go_on_has_failed(
     tmp_path: Path, change: dict[str, Any], cause: str
 ) -> None:
     robot = Kinematic(tmp_path)
-    for judge in (trials.cross, trials.drill):
+    for judge in (trials.cross, trials.run_drill):
         assert judge(lambda operator: robot.run(operator, **change), 0).cause == cause
 
 

@@ -28,7 +28,7 @@ from saltus.real2sim.screening.gains import gain_faults
 from saltus.real2sim.screening.gravity import feedforward_faults
 from saltus.real2sim.screening.joint_faults import unit_faults
 from saltus.real2sim.screening.screen import screen_log
-from saltus.recordings.log_units import SIGNALS, Units, in_si
+from saltus.recordings.log_units import SIGNALS, LogUnits, in_si
 from saltus.recordings.run_log import LogTable, RunLog, read_run_log, write_run_log
 
 DEGREE, KGF_CM, G, RPM = 180.0 / np.pi, 1.0 / 0.0980665, 1.0 / 9.80665, 30.0 / np.pi
@@ -395,7 +395,7 @@ def test_units_of_a_bag_are_stated_in_its_description(tmp_path: Path) -> None:
 
 def test_a_log_in_si_units_is_left_as_it_is() -> None:
     log = body_log(seconds=0.2)
-    same = in_si(log, Units())
+    same = in_si(log, LogUnits())
     assert log.imu is not None
     assert same.imu is not None
     np.testing.assert_array_equal(same.imu.values, log.imu.values)

@@ -7,7 +7,7 @@ import pytest
 from memory_bus import MemoryBus
 
 from saltus.depth import MODEL_CAMERA, depth_frame
-from saltus.render.__main__ import LONGEST_COVER_S, Cover
+from saltus.render.__main__ import LONGEST_COVER_S, LensCover
 from saltus.wire.messages import OPERATOR, Event
 
 S = 1_000_000_000
@@ -23,7 +23,7 @@ BLIND = {
 @pytest.mark.parametrize(("detail", "covered_s"), BLIND.items())
 def test_the_lens_is_covered_for_the_time_that_is_named(detail: str, covered_s: float) -> None:
     bus = MemoryBus("robot/0")
-    cover = Cover(bus)
+    cover = LensCover(bus)
     assert cover.over(FRAME, 0) is FRAME
     bus.publisher("event", OPERATOR).put(
         Event(time_ns=0, process=OPERATOR, code="blind", detail=detail)
@@ -40,6 +40,6 @@ def test_the_lens_is_covered_for_the_time_that_is_named(detail: str, covered_s: 
 @pytest.mark.parametrize("code", ["stop", "kill", "unblind", ""])
 def test_other_events_do_not_cover_it(code: str) -> None:
     bus = MemoryBus("robot/0")
-    cover = Cover(bus)
+    cover = LensCover(bus)
     bus.publisher("event", OPERATOR).put(Event(time_ns=0, process=OPERATOR, code=code, detail="1"))
     assert cover.over(FRAME, 0) is FRAME

@@ -12,7 +12,7 @@ from robots.odd_robot import odd_mjcf
 from saltus.errors import ConfigError, ModelError
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
-from saltus.robots.mjcf import Derivation, derive_robot
+from saltus.robots.mjcf import RobotDerivation, derive_robot
 from saltus.robots.robot import LEGS, Robot
 
 THEIRS = {"FR": "fr", "FL": "fl", "RR": "hr", "RL": "hl"}
@@ -31,16 +31,16 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def derivation(path: Path) -> Derivation:
+def derivation(path: Path) -> RobotDerivation:
     return derive_robot(path)
 
 
 @pytest.fixture(scope="module")
-def robot(derivation: Derivation) -> Robot:
+def robot(derivation: RobotDerivation) -> Robot:
     return derivation.robot
 
 
-def _origin(derivation: Derivation, name: str) -> str:
+def _origin(derivation: RobotDerivation, name: str) -> str:
     return " ".join(
         f"{origin.kind} {origin.detail}" for origin in derivation.origins if origin.field == name
     )

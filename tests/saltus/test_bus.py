@@ -15,7 +15,7 @@ from samples import message_of
 
 from saltus.errors import MessageError
 from saltus.wire import codec
-from saltus.wire.bus import RING, Bell, Bus, Latest, Publisher, RawSample, Sample, Stream
+from saltus.wire.bus import RING, Bell, Bus, Latest, MessageStream, Publisher, RawSample, Sample
 from saltus.wire.codec import Envelope
 from saltus.wire.joining import open_session
 from saltus.wire.messages import DepthFrame, Done
@@ -180,7 +180,7 @@ def test_what_zenoh_keeps_is_dated_when_it_came(endpoint: str) -> None:
             time.sleep(0.005)
         heard, seen = [], []
 
-        def all_came(stream: Stream, samples: list[RawSample]) -> bool:
+        def all_came(stream: MessageStream, samples: list[RawSample]) -> bool:
             samples.extend(stream.drain())
             return len(samples) == 30
 

@@ -16,7 +16,7 @@ from stage import Stage
 from saltus.cli.main import main
 from saltus.config import RunConfig
 from saltus.drive import gamepad
-from saltus.drive.__main__ import AFTER_S, Driver, body, by_goals, by_script
+from saltus.drive.__main__ import AFTER_S, WishSource, body, by_goals, by_script
 from saltus.drive.gamepad import GamepadWish
 from saltus.drive.goals import REACHED_M, Goals
 from saltus.drive.keyboard import MODES, MOST, STEP, VELOCITIES, pressed, unbuffered_keys
@@ -112,7 +112,7 @@ def test_a_script_begins_with_the_first_state_and_ends_after_its_last_row(tmp_pa
     assert abs(max(wished) - ends) <= 1
 
 
-def walked(drive: Driver, start: int, goals: list[list[float]], most: int, odometry: bool):
+def walked(drive: WishSource, start: int, goals: list[list[float]], most: int, odometry: bool):
     """A point that turns and moves as it is told, 100 times a second: its places, and the goals in
     their frame, of a drawn start."""
     rng = np.random.default_rng([start, 1])

@@ -12,8 +12,8 @@ from saltus import clock as clock_module
 from saltus.clock import RunClock
 from saltus.errors import ConfigError
 from saltus.runtime import ticker as module
-from saltus.runtime.ticker import Staleness, Ticker, staleness_of
-from saltus.wire.topics import TOPICS
+from saltus.runtime.ticker import Ticker
+from saltus.wire.topics import TOPICS, Staleness, Topic, staleness_of
 
 MS = 1_000_000
 
@@ -46,7 +46,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> FakeTime:
 
 @pytest.mark.parametrize("topic", TOPICS.values(), ids=lambda topic: topic.name)
 @given(age_ns=st.integers(-(10**9), 3 * 10**9))
-def test_freshness_is_a_staircase_of_age(topic: module.Topic, age_ns: int) -> None:
+def test_freshness_is_a_staircase_of_age(topic: Topic, age_ns: int) -> None:
     answer = staleness_of(topic, 10**12, 10**12 + age_ns)
     if age_ns < -5 * MS:
         expected = Staleness.FUTURE

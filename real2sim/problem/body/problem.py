@@ -38,8 +38,8 @@ from saltus.real2sim.problem.body.noise import (
 from saltus.real2sim.problem.body.replay import (
     BodyReplay,
     BodySimulation,
-    Limit,
-    Pull,
+    PassiveTorque,
+    TorqueLimit,
     finer_solvers,
     likeliest_solver,
 )
@@ -157,7 +157,7 @@ class BodyProblem(Problem):
             )
         self.segments = segments_of(log)
         self._windows = body_windows(log, self.segments)
-        self.model, self._held = claimed_model(log), tuple[Limit | Pull, ...]()
+        self.model, self._held = claimed_model(log), tuple[TorqueLimit | PassiveTorque, ...]()
         self._robot, self._claims = robot_of(log), BodyClaims.of(log)
         # Until it is known where feet slip
         self.candidates = self._candidates(0.5 * self._claims.friction)
@@ -177,7 +177,7 @@ class BodyProblem(Problem):
             if isinstance(effect, TorqueSaturation)
             else effect.fitted(self._robot)
             for effect in profile.actuator
-            if isinstance(effect, Limit | Pull)
+            if isinstance(effect, TorqueLimit | PassiveTorque)
         )
         problem._replay = problem._replayed(problem._ground)
         for saturation in (
@@ -189,7 +189,11 @@ class BodyProblem(Problem):
                 else candidate
                 for candidate in self.candidates
             )
-        told = tuple(effect for effect in profile.actuator if not isinstance(effect, Limit | Pull))
+        told = tuple(
+            effect
+            for effect in profile.actuator
+            if not isinstance(effect, TorqueLimit | PassiveTorque)
+        )
         return problem, replace(profile, actuator=told)
 
     def residuals(self, unknowns: Floats) -> Floats:

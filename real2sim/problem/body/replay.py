@@ -102,8 +102,8 @@ def finer_solvers(ground: ContactSolver) -> Sequence[ContactSolver]:
     )
 
 
-Limit = TorqueSpeedLimit | TorqueSaturation
-Pull = JointSpring | EndStop
+TorqueLimit = TorqueSpeedLimit | TorqueSaturation
+PassiveTorque = JointSpring | EndStop
 CHUNK = 512
 """Simulations that run together: enough to hide the cost of a call, few enough to stay in the
 cache."""
@@ -162,7 +162,7 @@ class BodyReplay:
         span_s: tuple[float, float],
         solver: ContactSolver = OWN_SOLVER,
         payload_position: Sequence[float] | None = None,
-        held: Sequence[Limit | Pull] = (),
+        held: Sequence[TorqueLimit | PassiveTorque] = (),
     ) -> None:
         self._windows, self._held = (
             windows,
@@ -267,10 +267,10 @@ class _Drives:
         windows: BodyWindows,
         age: Floats,
         per_calf: Floats,
-        held: Sequence[Limit | Pull],
+        held: Sequence[TorqueLimit | PassiveTorque],
     ) -> None:
-        self._limits = [effect for effect in held if isinstance(effect, Limit)]
-        self._pulls = [effect for effect in held if isinstance(effect, Pull)]
+        self._limits = [effect for effect in held if isinstance(effect, TorqueLimit)]
+        self._pulls = [effect for effect in held if isinstance(effect, PassiveTorque)]
         self._told, self._kp, self._kd = windows.drive, windows.kp, windows.kd
         self._sets, self._count = len(rig.gain), len(windows.start_s)
         self._late = np.clip(rig.delay_s / PHYSICS_DT, 0.0, HISTORY_STEPS - 1.0)[:, None, None]
@@ -316,6 +316,8 @@ class _Drives:
         return told.reshape(-1, 12)
 
 
-def _after(effect: Limit | Pull, position: Floats, velocity: Floats, torque: Floats) -> Floats:
+def _after(
+    effect: TorqueLimit | PassiveTorque, position: Floats, velocity: Floats, torque: Floats
+) -> Floats:
     now = DriveTorque(position=position, velocity=velocity, torque=torque)
     return np.asarray(effect.apply(now, np.zeros(()), None)[0].torque, dtype=np.float64)

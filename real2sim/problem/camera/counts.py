@@ -178,7 +178,7 @@ def _noise_rows(data: CameraData, noise: NoiseParts) -> list[CountRow]:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class DenseView:
+class WholeRows:
     """Whole rows of images beside what is predicted of them without effects,
     shape (images, rows, columns).
     """
@@ -193,13 +193,13 @@ class DenseView:
     """Value at which depth ends early; infinite where it does not."""
 
 
-def _dense_view(data: CameraData) -> DenseView:
+def _dense_view(data: CameraData) -> WholeRows:
     looked = np.unique(np.linspace(0, len(data.kept) - 1, MAX_DENSE_FRAMES).astype(np.int64))
     height, width = data.images_mm.shape[1:]
     row = np.unique(np.linspace(0, height - 1, MAX_DENSE_ROWS).astype(np.int64))
     grid = np.meshgrid(row, np.arange(width, dtype=np.int64), indexing="ij")
     model = replace(data.model, tangents=data.camera.tangents(grid[0].ravel(), grid[1].ravel()))
-    return DenseView(
+    return WholeRows(
         owner=data.owner[looked],
         predicted_m=model.predict(data.view, data.kept[looked]).reshape(
             len(looked), len(row), width
@@ -210,7 +210,7 @@ def _dense_view(data: CameraData) -> DenseView:
     )
 
 
-def _edge_rows(data: CameraData, view: DenseView) -> list[CountRow]:
+def _edge_rows(data: CameraData, view: WholeRows) -> list[CountRow]:
     counts = edge_counts(view.predicted_m, view.measured_mm, view.range_m, view.clip_mm)
     owner = view.owner[counts.frame]
     rows = []
@@ -245,7 +245,7 @@ def _deviation_of_mean(images: list[np.floating]) -> float:
     return float(max(np.std(part) / np.sqrt(len(part)) for part in (images, blocks)))
 
 
-def _filled_rows(data: CameraData, view: DenseView) -> list[CountRow]:
+def _filled_rows(data: CameraData, view: WholeRows) -> list[CountRow]:
     """How far holes away from edges are filled:
     the share that would be lost is that of the whole log.
     """

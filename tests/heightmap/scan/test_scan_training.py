@@ -65,7 +65,7 @@ def test_a_burst_moves_weights_by_no_more_than_usual(small, monkeypatch, size):
     steady, burst = ScanTrainer(small, CPU), ScanTrainer(small, CPU)
     start = [weight.detach().clone() for weight in steady.model.parameters()]
     steady.round(0.1, 0.2)
-    monkeypatch.setattr("saltus.heightmap.scan.training.train.loss", bursting)
+    monkeypatch.setattr("saltus.heightmap.scan.training.train.scan_loss", bursting)
     assert burst.round(0.1, 0.2).clipped > 0.1
 
     def moved(trainer):
