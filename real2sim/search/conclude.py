@@ -45,9 +45,6 @@ WORSE = 1.5
 """Ratio of a signal's gap after to before from which a model does not explain the log, whatever it
 does for others: a dead zone of a drive looks like play in angles, but not in velocities. True
 effects leave no signal worse by a tenth."""
-WEAKLY = 0.6
-"""Share of what all cells together show that an effect must close which no cell shows: an encoder
-bias closed 0.79 (e262bb5614bf of seed 1826395078), the effects nearest to it 0.46 at most."""
 RANKED = 12
 """Number of models in the report."""
 
@@ -247,11 +244,11 @@ def _closed(
 
 def _closes_all(tested: ResidualCells, before: Floats, after: Floats) -> bool:
     """True where all cells of the test together show more than chance,
-    and a model closes `WEAKLY` of it.
+    and a model closes `decide.LITTLE_SHARE` of it.
     """
     whole, left = tested.together(before), tested.together(after)
     chance = CHANCE * float(np.sqrt(len(before) * len(tested.rows)))
-    return whole > chance and left < (1.0 - WEAKLY) * whole
+    return whole > chance and left < (1.0 - decide.LITTLE_SHARE) * whole
 
 
 def _sets(alike: dict[str, list[str]]) -> tuple[tuple[str, ...], ...]:

@@ -88,12 +88,11 @@ class _Search:
         if self._is_worth_fitting():
             self._fit_singles()
             for size in range(2, LARGEST + 1):
-                if decide.may_gain(
-                    self._comparison,
-                    self._known.fits[()],
-                    self._known.fits[self._known.best(size - 1)],
-                ):
-                    self._fit_larger(self._known.best(size - 1), size)
+                best = self._known.best(size - 1)
+                if decide.may_gain(self._comparison, self._known.fits[()], self._known.fits[best]):
+                    self._fit_larger(best, size)
+                elif size == 2:
+                    self._fit_told_by_value(best)
             self._refit_rivals()
         return conclude.findings(self._problem, self._comparison, self._evaluate, self._known)
 
@@ -188,6 +187,35 @@ class _Search:
             if size == 2:
                 self._restart(self._known.best(size), "2 effects")
             self._eliminate(self._known.best(size))
+
+    def _fit_told_by_value(self, best: ModelEffects) -> None:
+        """Fits pairs of the best effect, which leaves little or no gap, and the likeliest others, if
+        one of these counts by its value, however little it shows.
+        """
+        known, layout = self._known, self._layout
+        if not best or not self._comparison.is_gap(known.fits[()].residuals):
+            return
+        quadratic = known.quadratic(best)
+
+        def cost(model: ModelEffects) -> float:
+            return quadratic.fit_cost(quadratic.where(layout.of_model(model)))
+
+        def counts(pair: ModelEffects) -> bool:
+            free = quadratic.where(layout.of_model(pair))
+            moved = [quadratic.solve(block, free) for block in range(len(quadratic.point))]
+            (effect,) = set(pair) - set(best)
+            return decide.counts_by_value(layout, quadratic.point + np.array(moved), effect)
+
+        others = (effect for effect in layout.effects if effect not in best)
+        pairs = sorted((with_effects([*best, effect]) for effect in others), key=cost)[:RIVALS]
+        least = cost(best) - 2.0 * decide.GAIN_NATS
+        if any(cost(pair) < least and counts(pair) for pair in pairs):
+            starts = [start for pair in pairs for start in known.starts(pair, known.fits[best])]
+            tried = model_fit.refine_fits(
+                self._evaluate, layout, self._split, starts, stage="2 effects"
+            )
+            known.keep(model_fit.best_of_each(tried, self._split))
+            self._refit(pairs, "2 effects")
 
     def _fit_union(self, best_so_far: ModelEffects, other: ModelEffects, size: int) -> None:
         """Fits the union of two good models; where they imitate each other, both have far to go."""

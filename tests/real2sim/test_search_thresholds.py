@@ -31,9 +31,19 @@ MANY = tuple(f"leg {number}" for number in range(24))
 LITTLE = 0.3
 
 
-def little(seed: int, resolution: float, alike: float | None = None) -> LinearProblem:
-    """Many legs whose effect no segment and signal shows with 0.45 sigma; all together do."""
-    hidden = {("e1", where, block): LITTLE for where in WHERES for block in MANY}
+def little(
+    seed: int, resolution: float, alike: float | None = None, beside: float = 0.0
+) -> LinearProblem:
+    """Many legs whose effect no segment and signal shows with 0.45 sigma; all together do.
+
+    They have the effect e4 of the size `beside`, too.
+    """
+    hidden = {
+        (effect, where, block): size
+        for effect, size in (("e1", LITTLE), ("e4", beside))
+        for where in WHERES
+        for block in MANY
+    }
     problem = LinearProblem(hidden, seed=seed, blocks=MANY, alike=alike)
     problem.candidates = tuple(replace(c, resolution=resolution) for c in problem.candidates)
     return problem
@@ -50,6 +60,25 @@ def test_what_shows_little_is_named_where_its_value_is_more_than_simulators_diff
     assert findings.verdict == verdict
     assert {effect.name for effect in findings.effects} <= {"e1"}
     assert (findings.minimum_detectable["e1"].value < LITTLE) == (verdict == "named")
+
+
+@pytest.mark.parametrize("beside", [3.0, 12.0])
+@pytest.mark.parametrize(
+    ("resolution", "names"), [(0.0, {"e4"}), (0.03, {"e1", "e4"}), (0.15, {"e4"})]
+)
+def test_what_shows_little_beside_an_effect_is_named_where_its_value_counts(
+    resolution: float, names: set[str], beside: float
+) -> None:
+    findings = search_effects(little(0, resolution, beside=beside))
+    assert (findings.verdict, {effect.name for effect in findings.effects}) == ("named", names)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_takes_a_part_of_what_shows_little_has_no_name_beside_an_effect(
+    seed: int,
+) -> None:
+    findings = search_effects(NarrowedProblem(little(seed, 0.01, alike=0.65, beside=3.0), ["e1"]))
+    assert {effect.name for effect in findings.effects} == {"e4"}
 
 
 @pytest.mark.parametrize("seed", range(4))
