@@ -30,7 +30,9 @@ def main(names: list[str]) -> None:
 
 def table(experiments: dict[str, object]) -> str:
     """JSON with a line for each experiment."""
-    lines = ",\n".join(f"  {json.dumps(name)}: {json.dumps(e)}" for name, e in experiments.items())
+    lines = ",\n".join(
+        json.dumps({name: e}, separators=(",", ":"))[1:-1] for name, e in experiments.items()
+    )
     return f'{{"source": "python tools/separations.py", "experiments": {{\n{lines}\n}}}}\n'
 
 
