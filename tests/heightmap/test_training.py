@@ -255,11 +255,11 @@ def test_what_was_learned_before_an_interruption_is_kept(
     # With the last update the calibration is made again.
     assert (
         load_checkpoint(checkpoint)[1]["update"]
-        == {"run_window": 4, "calibrate": config.updates - 1}[where]
+        == {"run_window": 4, "calibrate_intervals": config.updates - 1}[where]
     )
     train_heightmap(data, checkpoint, config)
     assert load_checkpoint(checkpoint)[1]["update"] == config.updates
-    assert len(calls) == {"run_window": config.updates + 1, "calibrate": 2}[where]
+    assert len(calls) == {"run_window": config.updates + 1, "calibrate_intervals": 2}[where]
 
 
 def test_an_interruption_while_it_is_kept_loses_nothing(
