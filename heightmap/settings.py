@@ -250,7 +250,7 @@ class ProcessorCollection:
 
 @dataclass(frozen=True, kw_only=True)
 class DeviceLoop(LoopSettings):
-    """How robots are let run on one device, thousands at once."""
+    """Settings of a collection of data on one device: thousands of robots run there at once."""
 
     robots: int = 4096
     """At once: 2.5 GB of a GPU's memory for what 6 s of them leave."""

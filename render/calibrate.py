@@ -61,7 +61,7 @@ BLOCKS = 8
 
 @dataclass(frozen=True, kw_only=True)
 class CameraPlace(TomlValue):
-    """Place of a camera on the trunk."""
+    """Place of a camera on the trunk, as a calibration finds it."""
 
     pitch: float
     """Nose down positive [rad]."""

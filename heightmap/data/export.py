@@ -50,7 +50,7 @@ EpisodeRow = TypedDict(
 
 @dataclass(frozen=True, kw_only=True)
 class ExportResult:
-    """An export that was written."""
+    """Counts of a dataset of heights that was exported for other programs."""
 
     episodes: int
     ticks: int

@@ -32,7 +32,7 @@ _ROUNDING_S = 1e-6  # times that are meant to be equal may differ by rounding
 
 
 class NetworkInputs(NamedTuple):
-    """Inputs of one tick of n robots."""
+    """Inputs of the line's heightmap network for one tick of n robots."""
 
     image: Array
     """See `saltus.depth.model_image`, shape (n, 2, 48, 16)."""

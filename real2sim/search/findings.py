@@ -23,7 +23,7 @@ class ParameterInterval:
 
 @dataclass(frozen=True, kw_only=True)
 class FoundEffect:
-    """An effect with its values at some places."""
+    """An effect that the search found in a log, with its values for all joints or for some."""
 
     name: str
     where: str | tuple[str, ...]

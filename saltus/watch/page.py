@@ -55,7 +55,7 @@ class StartRequest:
 
 @dataclass(frozen=True, kw_only=True)
 class RunRequest:
-    """Somebody has pressed a button that asks something of the run that goes on."""
+    """A button was pressed on the page of `saltus watch` that asks something of the run."""
 
     code: str
     detail: str = ""
