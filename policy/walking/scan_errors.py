@@ -2,13 +2,15 @@
 
 The error of a point lasts: it is a uniform number, times the spread of points that were seen, or
 of those that were not. It changes at random where the robot has moved, on average every
-`ScanErrorSettings.change_m`: who stands goes on seeing what it saw.
+`ScanErrorSettings.change_m`: who stands goes on seeing what it saw. Most gaps that are one spacing
+of the scan wide are told as if they were filled.
 """
 
 import math
 
 from saltus.arrays import Array, Constant, Points, Scalars, namespace
 from saltus.grid import SCAN
+from saltus.policy.walking.course_field import MISSED_M
 from saltus.policy.walking.description import POLICY_HZ
 from saltus.policy.walking.settings import ScanErrorSettings
 
@@ -66,9 +68,26 @@ class ScanErrors:
             shift: In [-1, 1], shape (n,).
         """
         xp, config = namespace(heights), self.config
+        heights = xp.where(xp.abs(error) < config.filled, _without_gaps(heights), heights)
         ground = xp.mean(heights, axis=-1)[:, None]
         spread = config.unseen * xp.mean(xp.abs(heights - ground), axis=-1)[:, None]
         is_seen = self._seen.like(heights) > 0.5
         one = xp.ones_like(heights)
         deviation = xp.where(is_seen, config.seen_m * one, xp.maximum(spread, config.seen_m * one))
         return heights + _WIDTH * deviation * error + config.shift_m * shift[:, None]
+
+
+def _without_gaps(heights: Points) -> Points:
+    """Heights where points low between both neighbours along x, or along y, are as high as these.
+
+    Low is `MISSED_M` lower than the lower neighbour, as for a foot that misses its ground. Points
+    at the rim of the scan are left as they are.
+    """
+    xp = namespace(heights)
+    of = xp.reshape(heights, (-1, *SCAN.shape))
+    along_x = xp.minimum(of[:, :-2, 1:-1], of[:, 2:, 1:-1])
+    along_y = xp.minimum(of[:, 1:-1, :-2], of[:, 1:-1, 2:])
+    edge, inner = xp.maximum(along_x, along_y), of[:, 1:-1, 1:-1]
+    inner = xp.where(inner < edge - MISSED_M, edge, inner)
+    rows = xp.concat([of[:, 1:-1, :1], inner, of[:, 1:-1, -1:]], axis=2)
+    return xp.reshape(xp.concat([of[:, :1], rows, of[:, -1:]], axis=1), heights.shape)

@@ -237,7 +237,7 @@ def test_a_foot_missed_where_it_is_low_between_two_edges_and_not_on_a_step_down(
 
 
 def test_errors_of_heights_have_the_stated_spread_and_vanish_on_flat_ground():
-    config = ScanErrorSettings(shift_m=0.0)
+    config = ScanErrorSettings(shift_m=0.0, filled=0.0)
     scan, rng, n = ScanErrors(config), np.random.default_rng(6), 400
     every = np.ones(n, dtype=bool)
     error = scan.changed(np.zeros((n, 187)), every, every, rng.uniform(size=(n, 187)))
@@ -250,6 +250,30 @@ def test_errors_of_heights_have_the_stated_spread_and_vanish_on_flat_ground():
     assert wrong[:, ~seen].std() == pytest.approx(spread, rel=0.1)
     flat = scan.observed(0.0 * uneven, error, zero)
     assert np.abs(flat).max() <= np.sqrt(3.0) * config.seen_m
+
+
+@pytest.mark.parametrize("filled", [0.0, 0.7, 1.0])
+@pytest.mark.parametrize("across", [0, 1])
+def test_a_share_of_the_points_in_gaps_of_one_spacing_is_told_as_high_as_the_edges(filled, across):
+    config = ScanErrorSettings(seen_m=0.0, unseen=0.0, shift_m=0.0, filled=filled)
+    scan, rng, n = ScanErrors(config), np.random.default_rng(8), 200
+    error, zero = rng.uniform(-1.0, 1.0, (n, 187)), np.zeros(n)
+    edge, depth = rng.normal(0.0, 0.1, (n, 1)), rng.uniform(0.02, 0.6, (n, 1))
+    place = rng.integers(2, 8, n)
+    for width in (1, 2):  # spacings; the wider gap is told as it is
+        row = np.indices(SCAN.shape)[across].ravel()
+        low = (row >= place[:, None]) & (row < place[:, None] + width)
+        truth = edge - np.where(low, depth, 0.0)
+        told = both(scan.observed, truth, error, zero)
+        np.testing.assert_array_equal(told[~low], truth[~low])
+        is_filled = low & (told > truth + 1e-9)
+        np.testing.assert_allclose(told[is_filled], np.broadcast_to(edge, low.shape)[is_filled])
+        inner = SCAN.shape[1 - across] - 2  # those at the rim are left as they are
+        deep = (depth[:, 0] > MISSED_M) & (width == 1)
+        share = is_filled.sum(1) / inner
+        assert share[~deep].max() == 0.0
+        if width == 1:
+            assert share[deep].mean() == pytest.approx(filled, abs=0.05)
 
 
 @pytest.mark.parametrize("change_m", [0.1, 0.3, 1.0])
