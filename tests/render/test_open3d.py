@@ -32,10 +32,10 @@ def test_motions_without_a_camera_need_no_open3d() -> None:
     made = """
 from saltus.effects.profile import IDEAL
 from saltus.real2sim.experiments.menu import experiment_named
-from saltus.real2sim.experiments.run import run
+from saltus.real2sim.experiments.run import run_experiment
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
-print(len(run(experiment_named("joint_chirp"), load_robot(DEFAULT_ROBOT), IDEAL).joints.q))
+print(len(run_experiment(experiment_named("joint_chirp"), load_robot(DEFAULT_ROBOT), IDEAL).joints.q))
 """
     assert int(said(barred + made)) > 1000
 

@@ -70,14 +70,14 @@ PRINTED = """
 import sys
 from pathlib import Path
 from saltus.cli.main import main
-from saltus.reports.page import render, write_page
+from saltus.reports.page import render_page, write_page
 from saltus.robots.loading import load_robot
 
 folder = Path(sys.argv[1])
 assert sys.stdout.encoding.lower() not in ("utf-8", "utf8")
 template = "{% extends 'page.html' %}{% block body %}gap \u00d7 {{ shown }}{% endblock %}"
 (folder / "page.html").write_text(template, encoding="utf-8")
-write_page(folder / "written.html", render(str(folder / "page.py"), shown="30 \u00b0"))
+write_page(folder / "written.html", render_page(str(folder / "page.py"), shown="30 \u00b0"))
 codes = []
 for words in sys.argv[2:]:
     try:
