@@ -102,7 +102,7 @@ def test_a_process_that_is_killed_and_one_that_shares_the_work_give_the_same_dat
         "    from saltus.heightmap.settings import *\n"
         "    told = Observer(collected=lambda i, done, ticks: print(done, flush=True), "
         f"trained=lambda i, p: None)\n"
-        f"    dagger(Path(sys.argv[1]), {CONFIG!r}, told, processes=2)\n"
+        f"    run_dagger(Path(sys.argv[1]), {CONFIG!r}, told, processes=2)\n"
     )
     script = tmp_path / "run.py"
     script.write_text(code)
