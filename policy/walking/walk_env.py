@@ -93,10 +93,8 @@ class WalkEnv(TrainingEnv):
         self.memory = blank_walk_memory(kind, wide[kind], config.ground.boxes)
         self.ground = CourseField(config.ground, self.memory.time_s)
         self._is_kind = torch.stack([kind == k for k in range(len(config.ground.shares))]).float()
-        self._scan_errors, self._observer = (
-            ScanErrors(config.scan),
-            ObservationMaker(description),
-        )
+        self._scan_errors = ScanErrors(config.scan)
+        self._observer = ObservationMaker(description)
         profile = load_profile(config.profile, self.robot)
         self._body = profile.body_chain
         self._equip(training_drives(self.robot, profile, config.randomisation, self.memory))

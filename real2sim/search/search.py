@@ -189,8 +189,8 @@ class _Search:
             self._eliminate(self._known.best(size))
 
     def _fit_told_by_value(self, best: ModelEffects) -> None:
-        """Fits pairs of the best effect, which leaves little or no gap, and the likeliest others, if
-        one of these counts by its value, however little it shows.
+        """Fits pairs of the best effect, which leaves little or no gap, and the likeliest others,
+        if one of these counts by its value, however little it shows.
         """
         known, layout = self._known, self._layout
         if not best or not self._comparison.is_gap(known.fits[()].residuals):

@@ -31,8 +31,8 @@ STAND = Wish()
 
 
 def moving_wish(wish: Wish, velocity: str) -> Wish:
-    """The wish in which one velocity, by its name, is then changed: to walk, or to jump on where the
-    robot turns.
+    """The wish in which one velocity, by its name, is then changed: to walk, or to jump on where
+    the robot turns.
     """
     if wish.mode == CommandMode.WALK or (wish.mode == CommandMode.JUMP and velocity == "turn_rps"):
         return wish

@@ -57,7 +57,7 @@ def seeing() -> RunLog:
 
 @dataclasses.dataclass(frozen=True)
 class Found:
-    """What `find_in_logs` made of a log."""
+    """The result of `find_in_logs` for a log."""
 
     log: Path
     out: Path

@@ -35,7 +35,8 @@ from saltus.real2sim.experiments.menu import experiment_named
 from saltus.real2sim.experiments.run import run_experiment
 from saltus.robots.loading import load_robot
 from saltus.robots.shipped import DEFAULT_ROBOT
-print(len(run_experiment(experiment_named("joint_chirp"), load_robot(DEFAULT_ROBOT), IDEAL).joints.q))
+log = run_experiment(experiment_named("joint_chirp"), load_robot(DEFAULT_ROBOT), IDEAL)
+print(len(log.joints.q))
 """
     assert int(said(barred + made)) > 1000
 
