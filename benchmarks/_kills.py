@@ -35,10 +35,11 @@ ON_FLAT_GROUND = RunConfig(
 )
 """A run in real time without a course to learn, for what is done to its processes."""
 RUN_TIMEOUT_S = 20.0
-BACK_S, LANDED_S = 2.0, 2.0
+BACK_S, LANDED_S = 10.0, 2.0
 """Waited for after the kill, at most: the process is ready again.
 
-The robot has landed (1.1 s), or goes on.
+The robot has landed (1.1 s), or goes on. A process needs 0.1 s where a spare stands by, else about
+2 s of the machine's time to load its libraries, and more on a busy computer.
 """
 STANDING_S = (
     1.0  # watched after both: a process that is back tells a robot to go within a few steps
@@ -91,10 +92,21 @@ def wait_until_running(stack: Stack, states: Latest) -> None:
     """Returns when the robot of a stack, whose `states` are given, has begun to run.
 
     Raises:
-        StackError: it did not within `RUN_TIMEOUT_S`.
+        StackError: it did not within `RUN_TIMEOUT_S`, or landed before it was seen to run.
     """
-    if not _until(stack, RUN_TIMEOUT_S, lambda: _mode(states) == ControllerMode.RUN):
-        raise StackError(f"the robot did not begin to run within {RUN_TIMEOUT_S:g} s")
+    seen: list[ControllerMode] = []
+
+    def ended() -> bool:
+        mode = _mode(states)
+        seen.extend([] if mode is None else [mode])
+        return mode in (ControllerMode.RUN, *LANDED)
+
+    if not _until(stack, RUN_TIMEOUT_S, ended) or seen[-1] != ControllerMode.RUN:
+        last = seen[-1].name if seen else "not heard"
+        raise StackError(
+            f"the robot did not begin to run within {RUN_TIMEOUT_S:g} s: it is {last}"
+            + (", and the run is over" if stack.finished else "")
+        )
 
 
 def witness(

@@ -178,11 +178,11 @@ def endpoint() -> Iterator[str]:
 
 @pytest.fixture(scope="module")
 def victims(
-    endpoint: str, speed: float, tmp_path_factory: pytest.TempPathFactory
+    endpoint: str, first_speed: float, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[dict[str, Victim]]:
     """All processes at once: they load at the same time."""
     root = tmp_path_factory.mktemp("victims")
-    victims = {name: Victim(name, endpoint, root / name, speed) for name in SUBSCRIBED}
+    victims = {name: Victim(name, endpoint, root / name, first_speed) for name in SUBSCRIBED}
     yield victims
     for victim in victims.values():
         victim.process.terminate()
