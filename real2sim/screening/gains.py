@@ -118,10 +118,11 @@ def angle_scale_faults(log: RunLog) -> Iterator[LogFault]:
         return
     drives = [drive.causes for drive in _regressions(log, joints.tau_est)]
     factors = [drive.of["kp"].factor for drive in drives if "kp" in drive.of]
-    if (
-        len(factors) > 0.5 * len(drives)
-        and abs(float(np.median(factors)) / slope - 1.0) < RATE_TOLERANCE
-    ):
+    if len(factors) <= 0.5 * len(drives):
+        return
+    factor = float(np.median(factors))
+    # nearer to the claim it is dq that reads too fast or too slow
+    if abs(factor / slope - 1.0) < min(RATE_TOLERANCE, abs(factor - 1.0)):
         than = "what dq and kp say"
         yield unit_fault(
             "angle_unit", "q", "q and q_des of all joints", 1.0 / slope, than, gears_of(log)

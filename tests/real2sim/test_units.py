@@ -264,6 +264,15 @@ def test_angles_and_their_targets_in_another_unit_are_told_by_dq_and_kp(held: li
         assert told(faults, "q_des", factor), (factor, [fault.text for fault in faults])
 
 
+@pytest.mark.parametrize("scale", [0.75, 0.85, 1.16, 1.2, 1.3])
+def test_angles_are_not_accused_where_dq_alone_reads_too_fast_or_too_slow(
+    held: list[RunLog], scale: float
+) -> None:
+    for log in held:
+        faults = screen_log(joints("dq")(log, scale))
+        assert {fault.name for fault in faults if "q and q_des" in fault.text} == set()
+
+
 def test_a_tau_ff_that_no_tau_est_stands_beside_is_told_by_the_weight(
     standing: list[RunLog],
 ) -> None:
