@@ -15,8 +15,8 @@ from benchmarks.unitree_link.command import own_domain
 from benchmarks.unitree_link.in_memory import ROBOT, Run, tick
 from saltus.constants import PHYSICS_DT
 from saltus.controller.control_loop import ControlLoop
-from saltus.controller.robot.unitree.link import COMMANDS, STATES, UnitreeLink
-from saltus.controller.robot.unitree.log import TOPICS, new_log
+from saltus.controller.robot.unitree.link import COMMANDS, STATES, ArrivedMessage, UnitreeLink
+from saltus.controller.robot.unitree.log import TOPICS, ArrivalEstimator, new_log
 from saltus.controller.robot.unitree.messages import DEFINITIONS, LOW_COMMAND, LOW_STATE
 from saltus.controller.robot.unitree.robot import UnitreeRobot
 from saltus.errors import RecordingError
@@ -158,6 +158,44 @@ def test_a_log_is_not_written_over(recorded: Recorded, tmp_path: Path) -> None:
     written(tmp_path, recorded.rows[:2], "ours")
     with pytest.raises(RecordingError, match="is there already"):
         written(tmp_path, recorded.rows[:2], "ours")
+
+
+@pytest.mark.parametrize("late_ms", [0.0, 3.0, 30.0])
+@pytest.mark.parametrize("drift", [-1e-4, 0.0, 1e-4])
+@pytest.mark.parametrize("set_ns", [0, 7 * 10**9, -7 * 10**9])
+def test_messages_keep_the_order_in_which_they_were_sent_however_late_they_are_taken(
+    late_ms: float, drift: float, set_ns: int
+) -> None:
+    """Commands come a quarter of a tick after the states that they answer; half-way the clocks of
+    both senders are set.
+    """
+    rng, count = np.random.default_rng(round(late_ms)), 2000
+    ticks = TICK_NS * np.arange(count)
+    for seen, offset_ns in (("state", 0), ("command", TICK_NS // 4)):
+        came_ns = START_NS + ticks + offset_ns
+        late_ns = rng.exponential(1e6 * late_ms, count).astype(np.int64)
+        late_ns[rng.random(count) < 0.1] = 0  # often enough it is taken at once
+        late_ns[[0, *range(count // 2 - 100, count // 2 + 1)]] = 0
+        taken_ns = np.maximum.accumulate(came_ns + late_ns)
+        sent_ns = START_NS // 2 + (ticks * (1.0 + drift)).astype(np.int64)
+        sent_ns[count // 2 :] += set_ns
+        estimator = ArrivalEstimator()
+        found_ns = [
+            estimator.arrival_ns(
+                ArrivedMessage(payload=b"", arrival_ns=int(taken), sent_ns=int(sent))
+            )
+            for taken, sent in zip(taken_ns, sent_ns, strict=True)
+        ]
+        assert (np.diff(found_ns) >= 0).all(), seen
+        off_ns = np.abs(np.array(found_ns) - came_ns)
+        assert off_ns.max() <= TICK_NS // 8 + 1e9 * abs(drift) * 4.0, seen
+
+
+def test_messages_of_a_sender_without_a_clock_came_when_they_were_taken() -> None:
+    estimator = ArrivalEstimator()
+    for taken_ns in range(START_NS, START_NS + 10**9, TICK_NS):
+        arrived = ArrivedMessage(payload=b"", arrival_ns=taken_ns, sent_ns=0)
+        assert estimator.arrival_ns(arrived) == taken_ns
 
 
 @pytest.mark.slow
