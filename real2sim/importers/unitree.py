@@ -39,7 +39,8 @@ def read_unitree(path: Path, left_out: Sequence[str] = ()) -> tuple[RunLog, list
     """Reads states and commands.
 
     Times are those of the robot's own clock. A command is in force from the last state on that was
-    recorded before it: a delay of the robot is then never less than nothing.
+    recorded before it: a delay of the robot is then never less than nothing. The torque that a state
+    tells is that of the command before, and stands beside that one.
 
     Args:
         path: File or folder of a bag.
@@ -64,6 +65,7 @@ def read_unitree(path: Path, left_out: Sequence[str] = ()) -> tuple[RunLog, list
     if len(commands) > 1:
         told = np.searchsorted(sent_ns, np.append(arrived_ns[1:], NEVER_NS)) - 1
         signals |= _commanded(commands[np.maximum(told, 0)])
+        signals["tau_est"] = np.append(signals["tau_est"][1:], signals["tau_est"][-1:], axis=0)
         kept = _within(signals, told >= 0, notes)
         claims |= _gains(signals, kept)
         by_robot_s = MS * np.interp(sent_ns, arrived_ns, tick)

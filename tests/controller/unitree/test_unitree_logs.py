@@ -97,11 +97,13 @@ def test_a_log_holds_each_state_and_the_command_that_acted_on_it(
     joints, states = log.joints, LOW_STATE.read(recorded.states)
     np.testing.assert_allclose(joints.time_s, PHYSICS_DT * np.arange(ROWS), atol=1e-9)
     np.testing.assert_allclose(joints.q, states["motor_state"]["q"][:, :12])
-    np.testing.assert_allclose(joints.tau_est, states["motor_state"]["tau_est"][:, :12])
     names = {"q_des": "position", "dq_des": "velocity", "tau_ff": "torque", "kp": "kp", "kd": "kd"}
     for name, own in names.items():
         sent = np.array([getattr(command, own) for command in recorded.commands])
         np.testing.assert_allclose(getattr(joints, name), sent, rtol=1e-6, atol=1e-6)
+    law = joints.kp * (joints.q_des - joints.q) + joints.kd * (joints.dq_des - joints.dq)
+    law += joints.tau_ff
+    np.testing.assert_allclose(joints.tau_est[:-1], law[:-1], rtol=1e-4, atol=1e-3)
     np.testing.assert_allclose(log.meta["kp"], np.median(joints.kp, axis=0))
     assert log.imu is not None
     np.testing.assert_allclose(log.imu.values[:, 4:7], states["imu_state"]["gyroscope"])
