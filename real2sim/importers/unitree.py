@@ -21,7 +21,7 @@ from saltus.controller.robot.unitree.messages import (
 from saltus.errors import MessageError, RecordingError
 from saltus.recordings.bag_files import open_bag
 from saltus.recordings.run_claims import RigClaims
-from saltus.recordings.run_log import JointTable, LogTable, RunLog, period_of
+from saltus.recordings.run_log import JointTable, LogTable, RunLog, beside_its_command, period_of
 from saltus.robots.robot import JOINTS
 
 STATES_NEEDED = 2
@@ -65,7 +65,7 @@ def read_unitree(path: Path, left_out: Sequence[str] = ()) -> tuple[RunLog, list
     if len(commands) > 1:
         told = np.searchsorted(sent_ns, np.append(arrived_ns[1:], NEVER_NS)) - 1
         signals |= _commanded(commands[np.maximum(told, 0)])
-        signals["tau_est"] = np.append(signals["tau_est"][1:], signals["tau_est"][-1:], axis=0)
+        signals["tau_est"] = beside_its_command(signals["tau_est"])
         kept = _within(signals, told >= 0, notes)
         claims |= _gains(signals, kept)
         by_robot_s = MS * np.interp(sent_ns, arrived_ns, tick)

@@ -110,6 +110,14 @@ class RunLog:
     depth: DepthTable | None = None
 
 
+def beside_its_command(told: Floats) -> Floats:
+    """The torque that each row's command makes, of that which states tell, shape (rows, joints).
+
+    A drive tells the torque of the command before: each is moved up by a row.
+    """
+    return np.concatenate([told[1:], told[-1:]])
+
+
 def period_of(time_s: Floats) -> float:
     """The usual time between rows [s], also where their times are rounded more coarsely than it.
 

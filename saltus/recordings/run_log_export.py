@@ -15,7 +15,14 @@ from saltus.recordings.recorded_file import is_recording
 from saltus.recordings.recorder import RECORDING_FILE
 from saltus.recordings.recording import Recording, read_recording
 from saltus.recordings.run_claims import SCHEMA, CameraClaim, RigClaims, SegmentClaim, claim_of
-from saltus.recordings.run_log import DepthTable, JointTable, LogTable, RunLog, write_run_log
+from saltus.recordings.run_log import (
+    DepthTable,
+    JointTable,
+    LogTable,
+    RunLog,
+    beside_its_command,
+    write_run_log,
+)
 from saltus.robots.robot import JOINTS
 from saltus.trial import Trial
 from saltus.wire.messages import DepthFrame, GroundTruth, JointLog, RobotState
@@ -144,7 +151,6 @@ def _joints(logs: list[JointLog]) -> JointTable:
     def rows(name: str) -> Floats:
         return np.concatenate([np.asarray(getattr(log, name), dtype=np.float64) for log in logs])
 
-    read = rows("torque_estimated")
     return JointTable(
         time_s=_row_times(logs),
         q=rows("position"),
@@ -152,9 +158,7 @@ def _joints(logs: list[JointLog]) -> JointTable:
         q_des=rows("position_desired"),
         dq_des=rows("velocity_desired"),
         tau_ff=rows("torque_feedforward"),
-        tau_est=np.concatenate(
-            [read[1:], read[-1:]]
-        ),  # a drive reports the torque of the step before
+        tau_est=beside_its_command(rows("torque_estimated")),
         kp=rows("kp"),
         kd=rows("kd"),
     )
