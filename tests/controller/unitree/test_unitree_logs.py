@@ -226,6 +226,10 @@ def test_a_robot_is_logged_whole_while_another_process_commands_it(tmp_path: Pat
     command = ("real2sim", "import", str(path), "--robot", "go2", "--out", str(out))
     with saltus(*command) as process:
         assert process.wait(PATIENCE_S) == 0
-    time_s = read_run_log(out).joints.time_s
+    log = read_run_log(out)
+    joints, time_s = log.joints, log.joints.time_s
     np.testing.assert_allclose(np.diff(time_s), PHYSICS_DT, atol=1e-9)
     assert 298 <= len(time_s) <= 301  # the first command may come in the midst of the first state
+    law = np.array(log.meta["kp"]) * (joints.q_des - joints.q) + joints.tau_ff
+    law += np.array(log.meta["kd"]) * (joints.dq_des - joints.dq)
+    np.testing.assert_allclose(joints.tau_est[:-1], law[:-1], atol=1e-2)
