@@ -53,7 +53,7 @@ def _robot(context: ProcessContext) -> CourseRobot:
 
 
 class ControllerRun:
-    """One run of a robot on the bus."""
+    """One run of the controller process: it steps leg controller and robot, and talks on a bus."""
 
     def __init__(self, context: ProcessContext, robot: CourseRobot) -> None:
         self._context = context

@@ -79,7 +79,7 @@ class BrakingConfig:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BrakingState:
-    """State of the braking, with what is known of the ground."""
+    """State of the braking plan between ticks, with what is known of the ground below the feet."""
 
     foothold: Legs
     """Where each foot last stood for certain, by dead reckoning: relative to the base now, yaw

@@ -24,7 +24,7 @@ AFTERMATH_LIMIT_S = 3.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CourseState:
-    """Where the robot is in its run."""
+    """Outcome of a run on a course so far, and whether the robot is to halt."""
 
     outcome: Outcome | None
     """None while the trial goes on."""
@@ -34,7 +34,7 @@ class CourseState:
 
 
 class CourseRun:
-    """Follows one run, one call for each policy step."""
+    """Judges a run on a course, policy step by policy step: arrived, fallen, out of time."""
 
     def __init__(self, terrain: Terrain, time_limit_s: float) -> None:
         self._monitor = TrialMonitor(terrain, time_limit_s)

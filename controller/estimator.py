@@ -42,7 +42,7 @@ _INITIAL_VARIANCE = 0.1
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EstimatorState:
-    """State of the filter between ticks."""
+    """State of the velocity and height estimator (a Kalman filter) between ticks."""
 
     mean: MotionEstimates
     """Velocity in the world [m/s] and height [m], shape (..., 4)."""

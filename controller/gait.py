@@ -20,7 +20,7 @@ TRUSTED_SHARE = 0.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GaitSignal:
-    """Values of the schedule now."""
+    """Values of the gait's schedule at a tick: which legs stand or swing, and how far they are."""
 
     contact: LegFlags
     """Leg is to stand, bool, shape (..., 4)."""
@@ -53,7 +53,7 @@ def standing_gait(batch: tuple[int, ...], like: Array) -> GaitSignal:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GaitState:
-    """State of the gait between ticks."""
+    """State of the gait's clock between ticks."""
 
     phase: Scalars
     """Cycles since the start, shape (...)."""

@@ -62,7 +62,7 @@ _YAW_AXIS = Constant([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LawState:
-    """State of the law between ticks."""
+    """State of the leg controller's law between ticks."""
 
     gait: GaitState
     liftoff: Legs
@@ -80,7 +80,7 @@ class LawState:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Diagnostics:
-    """Details of a step: for estimator, braking, training and benchmarks."""
+    """Details of a step of the leg controller: for estimator, braking, training and benchmarks."""
 
     gait: GaitSignal
     """With contacts as they are used: all four legs when standing."""

@@ -18,7 +18,9 @@ POLL_S = 0.1  # how often a wait looks whether the process should stop
 
 
 class Lockstep:
-    """Asks the other processes and waits for their answers; all of them may be asked twice."""
+    """The controller's side of a run in lockstep: it asks the other processes in each policy step
+    and waits for their answers; all of them may be asked twice.
+    """
 
     def __init__(self, context: ProcessContext, plans: NewestPlan) -> None:
         self._context = context

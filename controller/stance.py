@@ -72,7 +72,9 @@ class StanceQP:
 
 
 class StanceLegs:
-    """Reference acceleration, quadratic program and torques."""
+    """The legs that stand: the body's wanted acceleration, the quadratic program for the feet's
+    forces, and the joint torques.
+    """
 
     def __init__(self, robot: Robot) -> None:
         size = Similarity.of_robot(robot)
@@ -169,7 +171,7 @@ def scaled_force_weight(robot: Robot) -> float:
 
 
 class StanceSolver(Protocol):
-    """Solves stance problems."""
+    """Anything that finds the feet's forces: it solves quadratic programs of stance."""
 
     def solve(self, qp: StanceQP) -> Joints:
         """Forces on the feet, yaw frame [N], shape (..., 12); zero for feet in the air."""
@@ -177,7 +179,8 @@ class StanceSolver(Protocol):
 
 
 class ExactSolver:
-    """Solves stance problems to optimality with a dense active-set method.
+    """Finds the feet's forces exactly: it solves quadratic programs of stance with a dense active-
+    set method.
 
     Legs in the air are eliminated first.
     """

@@ -46,7 +46,7 @@ ALIKE = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SensingResult:
-    """Results of the first half of a tick."""
+    """Results of the sensing half of a control tick: attitude and estimate."""
 
     roll: Scalars
     pitch: Scalars
@@ -59,7 +59,7 @@ class SensingResult:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BodyMotion:
-    """How the body moves, yaw frame."""
+    """How the robot's body moves, in the yaw frame."""
 
     pitch: Scalars
     """[rad], shape (...)."""
@@ -71,7 +71,7 @@ class BodyMotion:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ActingResult:
-    """Results of the second half."""
+    """Results of the acting half of a control tick: the command, and state for the next tick."""
 
     command: JointCommand
     law: LawState
@@ -83,7 +83,7 @@ class ActingResult:
 
 
 class TickLaw:
-    """Laws of a tick on numpy."""
+    """The laws of a control tick (sense, then act) on numpy arrays, for any batch of robots."""
 
     def __init__(
         self,
@@ -144,7 +144,7 @@ class TickLaw:
 
 
 class CompiledTickLaw(TickLaw):
-    """Laws of a tick for one robot, compiled to Python on floats.
+    """The laws of a control tick for one robot, compiled to Python on floats.
 
     Numpy does what they cannot: changes of mode, and numbers that are none.
     """

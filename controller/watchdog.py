@@ -28,7 +28,7 @@ not jump on, but no single contact could stop it."""
 
 @dataclass(frozen=True, kw_only=True)
 class WatchdogInput:
-    """Inputs of the decision."""
+    """Everything that the watchdog decides the controller's mode by, at one tick."""
 
     plan_age_s: float
     """Age of the newest plan; infinite where there is none."""
@@ -49,7 +49,7 @@ class WatchdogInput:
 
 @dataclass(frozen=True, kw_only=True)
 class WatchdogState:
-    """State of the watchdog between ticks."""
+    """State of the watchdog between ticks: the controller's mode, and since when."""
 
     mode: ControllerMode = ControllerMode.STAND
     mode_time_s: float = 0.0

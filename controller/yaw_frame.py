@@ -18,7 +18,9 @@ _OUTWARD = Constant(np.stack([np.ones(4), SIDE, np.ones(4)], -1))
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CentroidalReference:
-    """The centroidal reference in the yaw frame."""
+    """How the robot's body should move and where its feet should step now, in the yaw frame, by the
+    plan.
+    """
 
     stepping_frequency: Scalars
     """[Hz], shape (...)."""

@@ -19,7 +19,9 @@ from saltus.used_networks import model_path
 
 @dataclass(frozen=True, kw_only=True)
 class DeviceSpeed:
-    """How fast robots were, without what came before the first batch."""
+    """How fast a collection on a GPU simulated its robots, without what came before the first
+    batch.
+    """
 
     ticks: int
     """Labelled steps of 10 ms."""

@@ -24,7 +24,9 @@ OfRobot = Annotated[
 
 @dataclass(frozen=True, kw_only=True)
 class LevelRobot:
-    """Stands still and level on the ground below the camera."""
+    """Tells states of a robot that stands still and level below its camera, for a camera without a
+    robot.
+    """
 
     base_height_m: OfRobot = None
     """Height of the base above the ground [m]."""

@@ -34,7 +34,7 @@ IMAGE_SHAPE = (2, 48, 16)
 
 
 class Normalisation(NamedTuple):
-    """Mean and standard deviation over the training data."""
+    """Mean and standard deviation of a network's input over the training data."""
 
     proprioception_mean: Tensor
     """Shape (n,), of a predictor n = len(PROPRIOCEPTION)."""
@@ -45,7 +45,7 @@ class Normalisation(NamedTuple):
 
 
 class HeightEstimate(NamedTuple):
-    """Prediction of the network, per tick."""
+    """Heights and their intervals as the line's network predicts them, per tick."""
 
     height: Tensor
     """[m] relative to the base, shape (..., 30)."""
@@ -55,7 +55,7 @@ class HeightEstimate(NamedTuple):
 
 
 class HeightmapModel(nn.Module):
-    """Depth images and proprioception to heights with intervals."""
+    """The line's heightmap network: depth images and proprioception to heights with intervals."""
 
     proprioception_mean: Tensor
     proprioception_std: Tensor

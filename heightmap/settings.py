@@ -41,7 +41,7 @@ _NONE = "(default: none, true heights)"
 
 @dataclass(frozen=True, kw_only=True)
 class ModelSettings:
-    """Sizes of the network.
+    """Sizes of the line's heightmap network.
 
     Raises:
         ConfigError: a layer without neurons, or with more than fit into a memory.
@@ -60,7 +60,8 @@ class ModelSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class PredictorTraining:
-    """A training. The defaults fit two CPU cores for minutes; on a GPU raise `updates` and `batch`.
+    """Settings of one training of the line's heightmap network. The defaults fit two CPU cores for
+    minutes; on a GPU raise `updates` and `batch`.
 
     Raises:
         ConfigError: a number that cannot be; the message names it.
@@ -110,7 +111,7 @@ class PredictorTraining:
 
 @dataclass(frozen=True, kw_only=True)
 class LoopSettings:
-    """How robots are let run, a batch at a time.
+    """Settings of robots that are let run to collect data: how many at a time, on which terrains.
 
     Raises:
         ConfigError: a number that leaves no robots, no time, or no course.
@@ -164,7 +165,7 @@ class LoopSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ClosedLoop(LoopSettings):
-    """How robots are let run on processors with a predictor in the loop, a batch at a time."""
+    """Settings of robots that run on processors with a predictor in the loop, a batch at a time."""
 
     robots: int = 32
     """In a batch."""
@@ -193,7 +194,8 @@ class ClosedLoop(LoopSettings):
 
 @dataclass(frozen=True, kw_only=True)
 class DaggerSettings:
-    """A run of rounds; all of it but the number of rounds stays as it was begun.
+    """Settings of DAgger rounds of the line's heightmap network; all of it but the number of rounds
+    stays as it was begun.
 
     Raises:
         ConfigError: no rounds, no batches, or no updates.

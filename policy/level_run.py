@@ -17,7 +17,7 @@ from saltus.wire.messages import ControllerMode, MotionPlan, PlanStatus
 
 
 class LevelRun:
-    """One robot, one call every 2 ms.
+    """One robot on level ground that stands or bounds without a camera, one call every 2 ms.
 
     It rises first. Then the leg controller has the robot, its watchdog too: it damps a robot that
     tips over. A robot with a concern (`RobotBackend.concern`) lands and stands.

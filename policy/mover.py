@@ -47,7 +47,7 @@ class PlannerDecision:
 
 
 class Mover(Protocol):
-    """One way to move."""
+    """One way in which the planner moves a robot: by jumps, or by joint targets."""
 
     follows: CommandMode
     """The command that it obeys."""
@@ -64,7 +64,7 @@ class Mover(Protocol):
 
 
 class Jumper:
-    """Jumps ahead by a planner.
+    """Moves a robot by jumps ahead, as a planner plans them.
 
     Args:
         robot: Which one.

@@ -34,7 +34,7 @@ _TRUSTED = (HeightmapStatus.OK, HeightmapStatus.DEGRADED)
 
 @dataclass(frozen=True, kw_only=True)
 class PlannerNotice:
-    """An event for people, reported once."""
+    """An event of the planner process for people, reported once."""
 
     code: str
     detail: str

@@ -47,7 +47,8 @@ data."""
 
 @dataclass(frozen=True, kw_only=True)
 class ScriptedParameters:
-    """All numbers of the planner, for a robot of the reference's size (`saltus.robots.similarity`).
+    """All numbers of the planner by rules, for a robot of the reference's size
+    (`saltus.robots.similarity`).
 
     Found by CMA-ES in the batched plant, with the effects of that robot's profile and everything
     that a trial draws: 62 generations of 60 candidates, each on flat ground and on stairs of 6, 6,
@@ -178,7 +179,7 @@ LIFT_MARGIN = 0.04  # terrain this far before and behind the way of a foot count
 
 
 class ScriptedPlanner:
-    """Plans for any batch of robots, numpy or torch."""
+    """Plans jumps by rules, without a network, for any batch of robots, numpy or torch."""
 
     def __init__(
         self, robot: Robot, grid: HeightGrid, parameters: ScriptedParameters | None = None

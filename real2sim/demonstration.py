@@ -76,7 +76,9 @@ def demo_robot(seed: int) -> Profile:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Demonstration:
-    """Results of a demonstration."""
+    """Results of `real2sim demo`: the effect that was hidden, what was found, and the gap before
+    and after.
+    """
 
     hidden: Profile
     """Effects of the robot."""

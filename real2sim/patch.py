@@ -51,7 +51,7 @@ of run logs)."""
 
 @dataclass(frozen=True, kw_only=True)
 class PatchEvidence:
-    """A run log, identified by its contents."""
+    """A run log that a patch was found in, identified by its contents."""
 
     log: str
     sha256: str
@@ -59,7 +59,7 @@ class PatchEvidence:
 
 @dataclass(frozen=True, kw_only=True)
 class PatchRange:
-    """Range that the evidence covers; outside of it the patch extrapolates.
+    """Range of motion that the logs of a patch cover; outside of it the patch extrapolates.
 
     None where the log does not say.
     """

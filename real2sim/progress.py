@@ -26,7 +26,9 @@ SIMULATIONS = (65, 100, 200, 200, 10)
 
 
 class ComparisonProgress:
-    """Shares of a whole comparison of these sensors; tells a stage and the share that is done."""
+    """How far a whole comparison of logs with the simulator is: shares of its sensors; tells a
+    stage and the share that is done.
+    """
 
     def __init__(self, tell: ProgressListener | None, sensors: Sequence[Sensor]) -> None:
         self._tell = tell

@@ -87,7 +87,7 @@ SETTLING_S = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class Sensor:
-    """One kind of measurement in a run log."""
+    """One kind of measurement in a run log (joints, camera, body, IMU, jumps), and its problem."""
 
     name: str
     sites: tuple[Site, ...]

@@ -51,7 +51,7 @@ class MissingData:
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """Contents of `verdict.json`."""
+    """The verdict on run logs: contents of `verdict.json`."""
 
     verdict: Ruling
     effects: tuple[FoundEffect, ...] = ()

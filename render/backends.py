@@ -21,7 +21,9 @@ STEREO_PREFERENCE = ("embree", "pyrender")
 
 
 class RenderBackEnd(NamedTuple):
-    """The renderers of a back end."""
+    """The renderers of one back end (Embree, pyrender or Warp): for single views and for stereo
+    pairs.
+    """
 
     single: Callable[[Terrain, RobotCamera], Renderer]
     pair: Callable[[Terrain, StereoOptics, RobotCamera], StereoRenderer]

@@ -40,7 +40,7 @@ LEAST_MM = 5.0
 
 @dataclass(frozen=True, kw_only=True)
 class Bracket:
-    """A bracket for one robot.
+    """A bracket that holds a D435i on one robot, with its dimensions.
 
     Raises:
         ConfigError: the camera sits where a bracket on the trunk cannot hold it.

@@ -203,7 +203,7 @@ def fit_place(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SeenPoints:
-    """Points that a camera sees, for any number of images."""
+    """Points of the ground that a camera sees, for any number of images."""
 
     points: Floats
     """Camera frame [m], shape (n, 3)."""

@@ -18,7 +18,7 @@ CLAIMED, FOUND = "#d1495b", "#1f5fa8"
 
 @dataclass(frozen=True, kw_only=True)
 class PlaceRow:
-    """A number of the camera's place, in units for people."""
+    """A number of a camera's calibrated place, in units for people."""
 
     name: str
     unit: str

@@ -59,7 +59,7 @@ def draw_capsules(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Quadrics:
-    """Coefficients of the depth at which any ray enters capsules."""
+    """Coefficients of the depth at which any ray enters the capsules of a robot's legs."""
 
     start: Floats
     """Component first [m], shape (3, ...)."""

@@ -21,7 +21,7 @@ LEAST_M = 1e-9
 
 
 class SeenColumns:
-    """Columns as a camera sees them."""
+    """Columns of a course's ground as a camera sees them."""
 
     def __init__(self, columns: Columns, camera: Intrinsics) -> None:
         self._columns, self._height = columns, camera.height

@@ -32,7 +32,7 @@ RAYS_PER_THREAD = (
 
 
 class EmbreeRenderer(Renderer):
-    """See `Renderer`. Takes many poses in one call.
+    """Renders depth by casting rays on the CPU with Embree; many poses in one call. See `Renderer`.
 
     Args:
         threads: for casting the rays of a batch; as many as this process has cores where it is not

@@ -21,7 +21,7 @@ from saltus.wire.messages import GroundTruth
 
 
 class Exposure(Protocol):
-    """A source of depth images."""
+    """Anything that takes depth images with a camera: with its errors or without."""
 
     intrinsics: Intrinsics
 
@@ -33,8 +33,8 @@ class Exposure(Protocol):
 
 
 class PerfectExposure:
-    """True depth; `claimed` are the intrinsics that the camera reports,
-    where they are not those of the renderer.
+    """Gives images of true depth; `claimed` are the intrinsics that the camera reports, where they
+    are not those of the renderer.
     """
 
     def __init__(self, renderer: Renderer, claimed: Intrinsics | None = None) -> None:

@@ -31,7 +31,7 @@ FAR_M = 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class Lateness:
-    """Lateness of a camera's images against their times."""
+    """How late a camera's images are against the times that they state."""
 
     late_s: float
     """How much earlier than its time an image was taken [s]."""

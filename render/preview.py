@@ -46,7 +46,7 @@ LOSSLESS = (cv2.IMWRITE_WEBP_QUALITY, 101)  # above 100, as OpenCV says it; half
 
 
 class CaptionedPicture(NamedTuple):
-    """A picture with its caption."""
+    """A picture of a preview page, with its caption."""
 
     title: str
     text: str
@@ -109,7 +109,7 @@ class DepthColours:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Viewpoint:
-    """One pose to look from."""
+    """One pose of the robot from which a preview looks."""
 
     title: str
     before_edge: float

@@ -29,7 +29,7 @@ _GL_FROM_CAMERA = np.diag([1.0, -1.0, -1.0])
 
 
 class PyrenderRenderer(Renderer):
-    """See `Renderer`.
+    """Renders depth with pyrender and OSMesa, without a screen. See `Renderer`.
 
     One image a call of OpenGL; those of a size share a context, which loads a scene at its turn.
 

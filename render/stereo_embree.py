@@ -128,7 +128,7 @@ ALONG_RAY = 0.999
 
 
 class StereoEmbree(EmbreeRenderer, StereoRenderer):
-    """See `StereoRenderer`.
+    """Both views of a stereo camera by Embree, on the CPU. See `StereoRenderer`.
 
     The second view is one ray for each point of the left image, so it is exact at every pixel and
     has no border; rays that cannot hit terrain are not cast.

@@ -48,7 +48,7 @@ Fitted = TypeVar("Fitted", bound=Effect)
 
 @dataclass(frozen=True, kw_only=True)
 class StereoParameters:
-    """Parameters that can be fitted; units in the names."""
+    """Parameters of a stereo camera's noise that can be fitted; units in the names."""
 
     baseline_m: StereoEstimate
     sigma_px: StereoEstimate
@@ -76,7 +76,7 @@ class StereoParameters:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FitResult:
-    """A fitted camera, and what was measured."""
+    """A stereo camera whose noise was fitted to a recording, and what was measured."""
 
     parameters: StereoParameters
     image: Intrinsics

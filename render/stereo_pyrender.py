@@ -24,7 +24,7 @@ IMAGES_PER_PASS = 64  # right images in memory: 13 MB of a D435i's
 
 
 class StereoPyrender(PyrenderRenderer, StereoRenderer):
-    """See `StereoRenderer`.
+    """Both views of a stereo camera by pyrender. See `StereoRenderer`.
 
     The right image has the rows of the left one and the columns of the sensor, however few the left
     one has of these. A shadow's border is exact to half a column; what is less than a pixel of

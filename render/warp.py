@@ -172,7 +172,9 @@ def as_tensor(array: warp.array) -> Array:
 
 
 class WarpRenderer(Renderer):
-    """See `Renderer`; `caster` does the same without leaving the device."""
+    """Renders depth on a GPU with Warp; `caster` does the same without leaving the device. See
+    `Renderer`.
+    """
 
     name: ClassVar[str] = "warp"
 
@@ -191,7 +193,9 @@ class WarpRenderer(Renderer):
 
 
 class StereoWarp(WarpRenderer, StereoRenderer):
-    """See `StereoRenderer`: a ray from the right imager to every point."""
+    """Both views of a stereo camera by Warp: a ray from the right imager to every point. See
+    `StereoRenderer`.
+    """
 
     def __init__(self, terrain: Terrain, optics: StereoOptics, camera: RobotCamera) -> None:
         super().__init__(terrain, camera)

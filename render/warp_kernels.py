@@ -76,7 +76,7 @@ def capsule_entry(direction: wp.vec3f, start: wp.vec3f, end: wp.vec3f, radius: f
 
 @wp.struct
 class WarpScene:
-    """Cameras and what they see."""
+    """Cameras and the boxes and legs that they see, as Warp's kernels take them."""
 
     origin: wp.array[wp.vec3f]
     rotation: wp.array[wp.mat33f]

@@ -25,7 +25,9 @@ def new_folder(command: str) -> Path:
 
 @dataclass(frozen=True, kw_only=True)
 class SettingDifference:
-    """A value that is not the same in two configurations."""
+    """A setting that is not the same in two configurations, as when a run is to be resumed with
+    others.
+    """
 
     name: str
     """With the tables that it stands in: "learning.desired_kl"."""

@@ -19,7 +19,7 @@ from saltus.trial import Trial
 
 @dataclass(frozen=True, kw_only=True)
 class Setup(TomlValue):
-    """One robot on its course."""
+    """Everything about one robot on its course: robot, grid, terrain, profile, camera, trial."""
 
     robot: Robot
     """With its camera where `camera` sits."""

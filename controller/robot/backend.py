@@ -15,7 +15,7 @@ from saltus.wire.messages import GroundTruth
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobotReading:
-    """Measurements of a robot at one instant."""
+    """Measurements of a robot at one instant: joints, IMU, and the torque that its drives tell."""
 
     measurement: SensorReadings
     joint_torque: Floats

@@ -106,8 +106,8 @@ def _moments(
 
 
 class MixedPlanner:
-    """Drives a share `learned` of the robots by the learned policy,
-    the others by rules, each in its own way.
+    """Drives a share `learned` of the robots by the learned policy, the others by rules, each in
+    its own way.
 
     `variation` is that of the rules' numbers, see `saltus.heightmap.data.randomisation`.
     """

@@ -13,7 +13,7 @@ from saltus.heightmap.data.shards import ShardRecord, open_shard, without_interr
 
 @dataclass(frozen=True, kw_only=True)
 class CollectionResult:
-    """A collection that was made."""
+    """Shards that a collection of episodes has made, and whether it is whole."""
 
     records: list[ShardRecord]
     """Records of the shard in each dataset."""

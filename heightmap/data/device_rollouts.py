@@ -46,7 +46,7 @@ from saltus.terrain.course_law import KINDS
 
 
 class DeviceRollouts:
-    """Robots, made ready once; every batch starts all of them anew.
+    """Simulated robots on a GPU, made ready once; every batch starts all of them anew.
 
     `policy` is what `read_policy` returns; its task, but for the courses, is theirs, and so is the
     profile that it was trained with where none is given. Without a predictor in the loop the policy

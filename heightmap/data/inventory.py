@@ -34,7 +34,7 @@ _DIMENSIONS = {"depth": 3, "frame_tick": 1, **dict.fromkeys(PER_TICK, 2)}
 
 @dataclass(frozen=True, kw_only=True)
 class ShardInfo:
-    """One shard, for people."""
+    """Summary of one shard of a dataset, for people."""
 
     record: ShardRecord
     terrains: dict[str, int]
@@ -45,7 +45,7 @@ class ShardInfo:
 
 @dataclass(frozen=True, kw_only=True)
 class DatasetInfo:
-    """A dataset, for people."""
+    """Summary of a dataset and its shards, for people."""
 
     dataset: str
     """Its hash."""

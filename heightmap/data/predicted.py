@@ -83,7 +83,7 @@ def predicted_heights(
 
 
 class LeggedNetwork(Network, Protocol):
-    """A network of robots with these legs."""
+    """A line's heightmap network that takes the joints of robots with these legs."""
 
     legs: LegKinematics
 

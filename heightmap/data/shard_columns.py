@@ -22,7 +22,7 @@ _TOGETHER = 64  # chunks: enough for all cores, and 25 MB of images
 
 
 class ShardColumn:
-    """An array that grows in a file; its rows are like those of `like`.
+    """One column of a shard: an array that grows in its file; its rows are like those of `like`.
 
     HDF5 compresses on one core, which would take longer than a GPU takes to make the data: here a
     pool of threads does.

@@ -48,7 +48,7 @@ class DatasetError(SaltusError):
 
 @dataclass(frozen=True, kw_only=True)
 class ShardRecord:
-    """Record of one shard in the manifest."""
+    """Entry of one shard in a dataset's manifest."""
 
     file: str
     sha256: str

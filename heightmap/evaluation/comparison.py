@@ -63,7 +63,7 @@ class ComparedRun:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HeightComparison:
-    """One predictor on one run.
+    """Heights of one predictor beside the true ones, in one recorded run.
 
     N steps in which every predictor that is compared had a heightmap of status OK.
     """

@@ -17,7 +17,7 @@ start."""
 
 @dataclass(frozen=True, kw_only=True)
 class DistanceTravelled:
-    """How far one robot went."""
+    """How far one robot of an evaluation went, and how many edges it met."""
 
     distance_m: float
     """Distance of its trunk from its first place to the farthest [m]."""

@@ -13,7 +13,7 @@ MATCH_M = 0.15  # half the run of the shortest stair: a jump farther away is ano
 
 @dataclass(frozen=True, kw_only=True)
 class HeightEdge:
-    """One discontinuity of a profile."""
+    """One step up or down in a profile of heights."""
 
     x: float
     """Where the profile passes half of the jump [m]."""
@@ -23,7 +23,7 @@ class HeightEdge:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EdgeErrors:
-    """All true jumps of many profiles and what became of them."""
+    """All true steps of many profiles of heights, and how they were predicted."""
 
     true_x: Floats
     """Place of each true jump [m], shape (n,)."""

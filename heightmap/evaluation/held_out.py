@@ -61,7 +61,7 @@ _NS = 1e9
 
 @dataclass(frozen=True, kw_only=True)
 class HeldOutRuns:
-    """Which runs.
+    """Which held-out runs a predictor is measured in: terrains, seeds and their number.
 
     Raises:
         ConfigError: no runs, none that counts, or a baseline that is not known.
@@ -189,7 +189,7 @@ class HeldOutPrediction:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HeldOutRun:
-    """One run, n steps of which count."""
+    """One held-out run and its true heights, n steps of which count."""
 
     terrain: str
     level: str

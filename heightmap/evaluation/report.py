@@ -38,7 +38,7 @@ _SECTIONS = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ErrorReport:
-    """Errors that were measured on some recordings."""
+    """Errors of heights that were measured on some recordings, for a report."""
 
     runs: tuple[ComparedRun, ...]
     comparisons: tuple[HeightComparison, ...]

@@ -20,7 +20,7 @@ from saltus.heightmap.service.quantiles import negative_log_likelihood
 
 @dataclass(frozen=True, kw_only=True)
 class HeightScore:
-    """Errors of one predictor [m]; NaN where there is nothing to judge."""
+    """Errors of the heights of one predictor [m]; NaN where there is nothing to judge."""
 
     mae_m: float
     """Over the points that the camera ever saw, see `saltus.heightmap.evaluation.visibility`."""

@@ -42,7 +42,9 @@ MS, MM, DEG = 1e3, 1e3, 180.0 / np.pi
 
 @dataclass(frozen=True, kw_only=True)
 class TrustCheck:
-    """One thing that heights rest on."""
+    """One check of something that a robot's heights rest on, such as its camera's place, with what
+    was seen.
+    """
 
     name: str
     measured: str

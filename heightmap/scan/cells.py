@@ -15,8 +15,8 @@ from saltus.heightmap.scan.settings import MapSettings
 
 
 class CellHeights(NamedTuple):
-    """Heights [m] of what one image, or the standing feet,
-    put into each cell, each of shape (batch, side, side).
+    """Heights [m] that one image, or the standing feet, put into the cells of a robot's map, each
+    of shape (batch, side, side).
 
     Where `count` is 0, the others mean nothing and are finite.
     """

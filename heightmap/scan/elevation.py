@@ -41,7 +41,7 @@ WIDEST = 1.0
 
 
 class OdometryPoses(NamedTuple):
-    """The base in the odometry's world."""
+    """Poses of the bases of a batch of robots in the odometry's world."""
 
     position: Array
     """[m], shape (batch, 3)."""
@@ -50,7 +50,7 @@ class OdometryPoses(NamedTuple):
 
 
 class MapUpdate(NamedTuple):
-    """Everything that one image and the robot's state at its arrival tell."""
+    """Everything that one image and the robot's state at its arrival tell the elevation map."""
 
     points: Array
     """In the base frame at the exposure [m], shape (batch, n, 3)."""
@@ -77,7 +77,8 @@ class MapUpdate(NamedTuple):
 
 
 class ElevationMap(NamedTuple):
-    """State of the map.
+    """State of a batch of robots' elevation maps: heights and their variances in cells around the
+    base.
 
     Arrays of cells have shape (batch, side, side), heights are in the odometry's world [m].
     """
@@ -109,7 +110,7 @@ class ElevationMap(NamedTuple):
 
 
 class MapContext(NamedTuple):
-    """Beside the map itself, what is known after an image."""
+    """Quantities beside the elevation map that the scan's network is told after an image."""
 
     filled: Array
     """Height of every cell in the odometry's world [m]."""

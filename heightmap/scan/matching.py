@@ -21,7 +21,7 @@ number would do."""
 
 
 class PoseError(NamedTuple):
-    """Error of the pose at which an image was measured."""
+    """Error of the pose at which an image was taken, as matching it with the map finds it."""
 
     shift: Array
     """Error of the position [m], which stays until it is corrected. Shape (batch, 3)."""

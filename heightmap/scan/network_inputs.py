@@ -38,7 +38,7 @@ REACH_M = 2.0
 
 
 class ScanInputs(NamedTuple):
-    """Inputs of the network; heights of each cell."""
+    """Inputs of the scan's network: planes of the robot's elevation map, cell by cell."""
 
     filled: Array
     """The map, filled where it knows nothing, above the ground under the base [m], shape (batch,
@@ -52,8 +52,8 @@ class ScanInputs(NamedTuple):
 
 
 class MapHeights(NamedTuple):
-    """Heights of each cell, in the odometry's world,
-    or of each point of a grid, relative to the base.
+    """Heights as the scan's network tells them: of each cell in the odometry's world, or of each
+    point of a grid, relative to the base.
     """
 
     height: Array

@@ -27,7 +27,7 @@ JUMP_RAD = 0.35
 
 
 class TrailPose(NamedTuple):
-    """The robot at one state."""
+    """Place and attitude of a robot by its odometry, at one of its states."""
 
     time_ns: int
     position: Floats
@@ -58,7 +58,9 @@ class TrailPose(NamedTuple):
 
 
 class OdometryTrail:
-    """The waypoints of the last second, in order of time."""
+    """The robot's poses of the last second by its odometry, so that late images are put where they
+    were taken.
+    """
 
     def __init__(self) -> None:
         self._points: deque[TrailPose] = deque()

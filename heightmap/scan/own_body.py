@@ -15,7 +15,7 @@ MARGIN_M = 0.03
 
 
 class OwnBody(Protocol):
-    """Says which points are on the robot."""
+    """Anything that says which measured points lie on the robot itself."""
 
     def holds(self, points: Singles, joint_position: Floats) -> NDArray[np.bool_]:
         """True for points (n, 3) of the base frame [m] that are on the robot;
@@ -47,7 +47,7 @@ class BodyBox:
 
 
 class RobotBody:
-    """The trunk and the legs of a robot's model."""
+    """Says which measured points lie on the trunk or the legs of a robot's model."""
 
     def __init__(self, robot: Robot) -> None:
         self._legs = LegShapes(robot)

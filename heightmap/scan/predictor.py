@@ -40,7 +40,9 @@ _NAMES = {"measured": MEASURED, "memory": MEMORY, "numbers": NUMBERS}
 
 
 class GridHeights(NamedTuple):
-    """Points of a grid, each of shape (points,)."""
+    """Heights, half-widths of their intervals and what was seen, at the points of a grid, each of
+    shape (points,).
+    """
 
     height: Floats
     """Relative to the base [m]."""
@@ -85,7 +87,7 @@ def is_scan(path: Path) -> bool:
 
 
 class ScanNetwork:
-    """The network of a model file.
+    """The scan's network as a model file holds it, with its description.
 
     Attributes:
         model_id: Of the file.

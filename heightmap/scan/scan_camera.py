@@ -19,7 +19,7 @@ FEWEST = 20
 
 
 class ImagePoints(NamedTuple):
-    """The points of one image; those without depth are left out."""
+    """The points of one depth image; pixels without depth are left out."""
 
     points: Singles
     """Base frame at the exposure [m], shape (n, 3)."""
@@ -30,7 +30,8 @@ class ImagePoints(NamedTuple):
 
 
 class ScanCamera:
-    """One depth camera on a robot.
+    """One depth camera on a robot, as the scan uses it: its mount, how well that is known, and its
+    range.
 
     Args:
         mount: Its pose in the base.

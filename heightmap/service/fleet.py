@@ -22,7 +22,7 @@ than its warm-up (below half a second), and longer than a short outage of the ca
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobotRequest:
-    """Request of a robot."""
+    """One robot's request to a service of several robots: its state and its newest image."""
 
     state: RobotState
     robot_boot: bytes

@@ -32,7 +32,7 @@ _DEGRADED_LOST = DEGRADED_LOST_SHARE * DEPTH.rate_hz * 1e-9 * WINDOW_NS
 
 @dataclass(frozen=True, eq=False)
 class ArrivedImage:
-    """An image that has arrived."""
+    """A depth image that has arrived, with the times that say how old it is."""
 
     invalid_fraction: float
     time_ns: int

@@ -58,7 +58,9 @@ FIRST = ""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ScanRig:
-    """All that is known of a robot whose ground is asked for, and the form of the answer."""
+    """Everything that is known of a robot whose ground is asked for: cameras, mounts, body; and the
+    form of the answer.
+    """
 
     grid: HeightGrid
     cameras: Mapping[str, ScanCamera]
@@ -75,7 +77,7 @@ class ScanRig:
 
 
 class PredictionWorker(Protocol):
-    """Does what it is given, at once or in a thread of its own."""
+    """Anything that runs the scan's network: at once, or in a thread of its own."""
 
     def submit(self, work: "Callable[[], _Look]", /) -> "Future[_Look]":
         """Begins with it."""
@@ -83,7 +85,7 @@ class PredictionWorker(Protocol):
 
 
 class AtOnce:
-    """Does what it is given before it returns."""
+    """Runs the scan's network before it returns, so that answers repeat to the bit."""
 
     def submit(self, work: "Callable[[], _Look]", /) -> "Future[_Look]":
         """See `PredictionWorker`."""

@@ -28,7 +28,7 @@ ROBOT_BODY, NO_BODY = "robot", "none"
 
 @dataclass(frozen=True, kw_only=True)
 class ScanChoice:
-    """The heights that are to be served, of the robot of a run."""
+    """Which heights are to be served around the robot of a run: grid, form, model and cameras."""
 
     grid: HeightGrid
     dialect: str = ""

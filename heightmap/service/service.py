@@ -24,7 +24,8 @@ _ONE = np.ones(1, np.bool_)
 
 
 class HeightmapService:
-    """Holds the hidden state of one robot; one call of `step` for each robot state.
+    """Predicts the line of heights of one robot, whose hidden state it holds; one call of `step`
+    for each robot state.
 
     Services may share a network.
 

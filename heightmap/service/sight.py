@@ -47,7 +47,7 @@ class NetworkInputs(NamedTuple):
 
 
 class NetworkOutputs(NamedTuple):
-    """Outputs of a network, in one array; not checked."""
+    """Outputs of the line's heightmap network for n robots, in one array; not checked."""
 
     values: Array
     """Heights, half widths and hidden state of each robot, shape (n, 2 points + hidden size)."""
@@ -78,7 +78,7 @@ class NetworkOutputs(NamedTuple):
 
 
 class Network(Protocol):
-    """Anything that tells something of images, and remembers."""
+    """Anything that tells heights from images and remembers, as the line's network does."""
 
     hidden_size: int
     points: int

@@ -61,7 +61,7 @@ Batches = Callable[[Path | None, Sequence[EpisodeKey]], Generator[list[Episode],
 
 @dataclass(frozen=True, kw_only=True)
 class Observer:
-    """Listeners to a run while it goes on."""
+    """Anything that listens to DAgger rounds while they go on."""
 
     collected: Callable[[int, int, int], None]
     """Gets the round, its batches that are done, and the labelled steps of 10 ms in them."""

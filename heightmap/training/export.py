@@ -30,7 +30,7 @@ from saltus.wire.topics import CAMERA_LATENCY_S
 
 @dataclass(frozen=True, kw_only=True)
 class ModelOrigin:
-    """Origin of a model."""
+    """Origin of a model file: for which robot, grid and camera it was trained, and on what data."""
 
     robot: str
     """Name of the robot that it was trained on, or path of its model."""

@@ -16,7 +16,7 @@ from saltus.onnx_export import weights_of
 
 
 class StartOrigin(TypedDict):
-    """The network that a training began with."""
+    """The earlier network that a training began with."""
 
     sha256: str
     dataset: str
@@ -36,7 +36,7 @@ class TrainingOrigin(TypedDict):
 
 
 class CheckpointTable(TypedDict):
-    """A checkpoint as it lies on disk."""
+    """The contents of a checkpoint's file."""
 
     origin: TrainingOrigin
     update: int

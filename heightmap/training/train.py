@@ -53,7 +53,7 @@ HELD_OUT = 10  # every tenth episode is for validation
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingProgress:
-    """Where training is."""
+    """How far a training of the line's network is, and its errors so far."""
 
     update: int
     updates: int

@@ -27,7 +27,7 @@ MIN_WARMUP = 5  # images: a few more than one bad one could decide for
 
 @dataclass(frozen=True, kw_only=True)
 class HeightAccuracy:
-    """Mean absolute errors [m] and how well the stated intervals hold."""
+    """Mean absolute errors of heights [m] in validation, and how well the stated intervals hold."""
 
     mae_m: float
     ahead_m: float

@@ -17,7 +17,7 @@ from saltus.terrain.course_table import CourseTable
 
 @dataclass(frozen=True, kw_only=True)
 class CurriculumSettings:
-    """Kinds of terrain, levels, and what is asked for a promotion."""
+    """Settings of the curriculum of terrains: kinds, levels, and what is asked for a promotion."""
 
     flat: float = 0.05
     stairs: float = 0.40

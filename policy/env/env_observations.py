@@ -31,8 +31,8 @@ _GOAL_M = 1.0  # way of one jump along the profile; original, but horizontal the
 
 
 class EnvObservations:
-    """Observations as tensors that are rewritten in place,
-    from what robots know now and the engine's positions.
+    """Observations of training robots as tensors that are rewritten in place, from what robots know
+    now and the engine's positions.
     """
 
     def __init__(

@@ -38,7 +38,9 @@ _EVENT_DRAWS = ColumnNames(
 
 
 class EpisodeResets:
-    """Judges and resets; results are tensors that are rewritten in place."""
+    """Judges whether training robots have fallen or finished, and starts those anew; results are
+    tensors that are rewritten in place.
+    """
 
     def __init__(
         self,

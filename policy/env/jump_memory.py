@@ -19,7 +19,8 @@ from saltus.terrain.course_batch import COLUMNS
 
 @dataclass(kw_only=True, eq=False)
 class JumpMemory:
-    """All state that is not the physics engine's.
+    """Memory of jumping robots in training, beside what the physics engine holds: gaits, estimates,
+    plans, rewards so far.
 
     Shapes are for one robot; every tensor has a leading dimension.
     """

@@ -13,7 +13,7 @@ from saltus.config import check_between
 
 @dataclass(frozen=True, kw_only=True)
 class JumpRewardSettings:
-    """Weight of each term."""
+    """Weight of each term of the jumping policy's reward."""
 
     alive: float = 0.02
     contact_consistency: float = 0.008
@@ -42,7 +42,9 @@ TERMS = tuple(f.name for f in fields(JumpRewardSettings))
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JumpRewardInputs:
-    """Inputs of the terms; arrays with a leading dimension of robots."""
+    """Inputs of the terms of the jumping policy's reward; arrays with a leading dimension of
+    robots.
+    """
 
     contact: Array
     """Scheduled, bool, shape (n, 4)."""

@@ -116,7 +116,8 @@ class WideSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class RandomisationSettings:
-    """Ranges; a robot's values hold for one episode.
+    """Ranges from which a training draws robots and their hardware; a robot's values hold for one
+    episode.
 
     Those of a trial, and what the original left out.
     """

@@ -24,7 +24,7 @@ SMALLEST, LARGEST = 1e-9, 1e6
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeSettings:
-    """When an episode is over."""
+    """When an episode of training ends: time limit, falls, and leaving the course."""
 
     time_limit_s: float = 10.0
     """Two and a half times what the paper's robot takes for its stairs."""
@@ -51,7 +51,7 @@ class EpisodeSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class JumpEnvSettings:
-    """Everything that shapes the task."""
+    """Settings of the jumping task: terrains, rewards, randomisation, episodes."""
 
     bounds: ActionBounds = field(default_factory=ActionBounds)
     reward: JumpRewardSettings = field(default_factory=JumpRewardSettings)
@@ -78,7 +78,9 @@ class JumpEnvSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class LearningSettings:
-    """Networks and PPO; original where nothing else is said."""
+    """Settings of networks and of the learning method PPO; those of the original where nothing else
+    is said.
+    """
 
     hidden: tuple[int, ...] = (512, 256, 128)
     """Widths of actor and critic, ELU between."""
@@ -153,7 +155,7 @@ class LearningSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class JumpTrainSettings:
-    """One training: what is learned, from what, and how."""
+    """Settings of one training of the jumping policy: what is learned, from what, and how."""
 
     robot: str
     """Name, or path of an MJCF or of a folder with a robot.toml."""

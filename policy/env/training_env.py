@@ -110,7 +110,9 @@ def _written_out_mm(a: Tensor, b: Tensor) -> Tensor:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Transition:
-    """Result of a step; nothing in it changes with the next step."""
+    """Result of a step of training robots: observations, rewards, who ended; nothing in it changes
+    with the next step.
+    """
 
     actor: Tensor
     """Inputs of the policy, after resets, shape (n, some)."""
@@ -128,7 +130,8 @@ class Transition:
 
 
 class TrainingEnv(ABC):
-    """Robots whose joints follow the commands of a network, or of a law that is given its plans.
+    """Training environment of many robots: their joints follow the commands of a network, or of a
+    law that is given the network's plans.
 
     Args:
         engine: The physics, on the same device.

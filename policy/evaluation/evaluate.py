@@ -49,7 +49,7 @@ HEIGHTS: dict[str, HeightsFactory] = {"true": shifted_heights, "true-exact": exa
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluationSettings:
-    """Settings of an evaluation."""
+    """Settings of an evaluation of a jumping policy: terrain, trials, heights, conditions."""
 
     robot: str
     """Name, or path of an MJCF or of a folder with a robot.toml."""
@@ -114,7 +114,7 @@ def success_interval(successes: int, trials: int) -> tuple[float, float]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrialResult:
-    """How one trial went."""
+    """How one trial of a jumping policy went."""
 
     outcome: Outcome
     failure: FailureKind
@@ -124,7 +124,7 @@ class TrialResult:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EvaluationResult:
-    """The trials in the order of their seeds, and their statistics."""
+    """Trials of a jumping policy in the order of their seeds, and their statistics."""
 
     seeds: tuple[int, ...]
     trials: tuple[TrialResult, ...]

@@ -24,7 +24,9 @@ STEP_S = PHYSICS_DT * POLICY_STEPS
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrialTrace:
-    """One trial, one row a policy step (100 Hz), from its start to its end; t rows."""
+    """One trial of a jumping policy, one row a policy step (100 Hz), from its start to its end; t
+    rows.
+    """
 
     pose: Floats
     """Position [m] and quaternion (w, x, y, z) of the base in the world, shape (t, 7)."""

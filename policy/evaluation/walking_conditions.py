@@ -7,7 +7,9 @@ from saltus.trial import Trial
 
 @dataclass(frozen=True, kw_only=True)
 class WalkConditions:
-    """The usual ones, but for what is given."""
+    """Conditions of walking trials beside what the seed draws: pushes, friction, faults of the
+    camera.
+    """
 
     push_ns: float = 0.0
     """One push sideways, at a place that the seed draws [Ns]."""

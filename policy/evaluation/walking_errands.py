@@ -47,7 +47,7 @@ _LEAST_MPS, _LEAST_RPS = 0.25, 0.3  # the shipped policies stand where they are 
 
 @dataclass(frozen=True, kw_only=True)
 class ErrandResult:
-    """One robot's errand."""
+    """How one robot's errand (a route, a stop, a line or a jump) went."""
 
     seed: int
     cause: WalkEndCause

@@ -44,7 +44,9 @@ HELD_S = 3.0
 
 @dataclass(frozen=True, kw_only=True)
 class JumpAngles:
-    """Angles of a jump, to the left positive [deg]."""
+    """How far the ground of a led jump lies askew and the robot is told to turn, to the left
+    positive [deg].
+    """
 
     askew_deg: float = 0.0
     """The ground lies so much askew: it is turned about the start."""

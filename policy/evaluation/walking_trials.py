@@ -65,7 +65,7 @@ WalkTrialKind = Literal["cross", "drill", "route", "stop", "line", "jump", "jump
 
 @dataclass(frozen=True, kw_only=True)
 class WalkTrials:
-    """Settings of the trials of one policy."""
+    """Settings of the trials of one walking policy."""
 
     robot: str
     grid: str
@@ -86,7 +86,7 @@ class WalkTrials:
 
 @dataclass(frozen=True, kw_only=True)
 class CrossingResult:
-    """One robot that was to cross a ground."""
+    """How one robot's walk across a ground went."""
 
     seed: int
     speed_mps: float
@@ -124,7 +124,7 @@ def prepare_trial(
 
 @dataclass(frozen=True, kw_only=True)
 class WalkTrialTask:
-    """Some trials for one process."""
+    """Some walking trials, for one process."""
 
     kind: WalkTrialKind
     ground: str

@@ -30,7 +30,9 @@ WalkOperator = Callable[[float, PlantState], Wish]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WalkStep:
-    """One policy step, 10 ms: what held at its start and was asked then, and what came of it."""
+    """One policy step of a walking robot, 10 ms: what held at its start and was asked then, and
+    what came of it.
+    """
 
     time_s: float
     """Since the start of the run."""
@@ -43,7 +45,7 @@ class WalkStep:
 
 
 class TrueHeightSource:
-    """Heights as they are; see `RobotHeightSource`."""
+    """Tells one walking robot the true heights; see `RobotHeightSource`."""
 
     def __init__(self, setup: Setup) -> None:
         self._setup = setup

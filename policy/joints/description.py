@@ -33,7 +33,7 @@ _VECTORS = ("linear_velocity", "angular_velocity", "gravity", "command")
 
 @dataclass(frozen=True, kw_only=True)
 class ObservationPart(TomlValue):
-    """One part of a policy's vector; meanings and frames are those of `SensorArrays`."""
+    """One part of a policy's observation; meanings and frames are those of `SensorArrays`."""
 
     name: ObservationPartName
     clip: float = math.inf

@@ -30,7 +30,8 @@ CENTRED_M = 0.02
 
 
 class Footing:
-    """Lets down hanging feet and leads the base over the feet that stand, which do not move.
+    """Brings a walking robot to a stand: lets down hanging feet and leads the base over the feet
+    that stand, which do not move.
 
     Args:
         robot: Which one.

@@ -39,7 +39,7 @@ class WalkerReadings:
 
 
 class ObservationMaker:
-    """Makes the vector of a description, without its history."""
+    """Makes the observation vector of a policy by its description, without its history."""
 
     def __init__(self, description: PolicyDescription) -> None:
         self._parts, self._dialect = description.observation, description.dialect

@@ -17,7 +17,8 @@ FIELD = "description"
 
 
 class JointPolicy:
-    """Network and description, from an ONNX file of ours, or from a TOML file that names one.
+    """A policy of joint targets: network and description, from an ONNX file of ours, or from a TOML
+    file that names one.
 
     Args:
         path: Of the file.

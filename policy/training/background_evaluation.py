@@ -18,7 +18,7 @@ from saltus.policy.csv_tables import append_table, read_csv_table
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluationRow:
-    """The result of one checkpoint on one course."""
+    """The result of one checkpoint of a policy on one course."""
 
     iteration: int
     steps: int

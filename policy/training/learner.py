@@ -36,8 +36,8 @@ GROUPS = {"actor": ["policy"], "critic": ["privileged"]}
 
 
 class Learner:
-    """Collects experience and learns from it;
-    `distributed` is rank and number of processes that learn together.
+    """Collects experience of training robots and learns from it; `distributed` is rank and number
+    of processes that learn together.
     """
 
     def __init__(

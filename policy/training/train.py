@@ -33,7 +33,7 @@ from saltus.sim.engine import Engine
 
 @dataclass(frozen=True, kw_only=True)
 class Rank:
-    """This process among those that learn together."""
+    """This process among those that learn together: its number, their count, and its device."""
 
     rank: int = 0
     world: int = 1

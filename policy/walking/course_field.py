@@ -38,7 +38,9 @@ def in_trench(boxes: Boxes, foot: Tensor) -> Tensor:
 
 
 class CourseField:
-    """All courses on one device."""
+    """All courses of a walking training on one device: which boxes are near a robot, and how much
+    of its way is left.
+    """
 
     def __init__(self, config: GroundSettings, like: Tensor) -> None:
         self.config, self.table = config, config.table.like(like)

@@ -27,7 +27,7 @@ SETTLING = POLICY_HZ
 
 @dataclass(frozen=True, kw_only=True)
 class WalkScore:
-    """Result on one ground."""
+    """Falls and errors of velocity of a walking policy on one ground."""
 
     ground: str
     level: int

@@ -44,7 +44,7 @@ def make_walk_actor(config: LearningSettings) -> MLPModel:
 
 
 class DeployedWalk(nn.Module):
-    """The actor's mean action, observation scaled before the network."""
+    """The walking actor's mean action, observation scaled before the network, as it is exported."""
 
     def __init__(self, checkpoint: dict[str, Any]) -> None:
         super().__init__()

@@ -20,7 +20,7 @@ _LEVER_M = 0.54  # mean distance of the scan's points: their way where it turns 
 
 
 class ScanErrors:
-    """The law of the errors, for numpy and torch."""
+    """Draws the errors of the scan that walking robots are trained with, for numpy and torch."""
 
     def __init__(self, config: ScanErrorSettings) -> None:
         self.config = config

@@ -11,7 +11,9 @@ from saltus.terrain.course_table import CourseTable
 
 @dataclass(frozen=True, kw_only=True)
 class GroundSettings:
-    """Kinds of ground, their levels, and which of a ground's boxes a robot has."""
+    """Settings of the grounds of a walking training: kinds, levels, and which of a ground's boxes a
+    robot has.
+    """
 
     shares: dict[str, float] = field(
         default_factory=lambda: {
@@ -64,7 +66,9 @@ class GroundSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class VelocityCommandSettings:
-    """Velocities that are asked for, in the yaw frame of the base."""
+    """Ranges of the velocities that walking robots are commanded in training, in the yaw frame of
+    the base.
+    """
 
     ahead_mps: tuple[float, float] = (-0.8, 1.2)
     """On wide ground."""
@@ -92,7 +96,9 @@ class VelocityCommandSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class WalkRewardSettings:
-    """Weight of each term, per second; IsaacLab's for the Go1 where nothing else is said."""
+    """Weight of each term of the walking policy's reward, per second; IsaacLab's for the Go1 where
+    nothing else is said.
+    """
 
     linear_velocity: float = 1.5
     turning: float = 0.75
@@ -195,7 +201,7 @@ class DriveSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class WalkSettings:
-    """Everything that shapes the task."""
+    """Settings of the walking task: grounds, commands, rewards, errors, drives."""
 
     ground: GroundSettings = field(default_factory=GroundSettings)
     command: VelocityCommandSettings = field(default_factory=VelocityCommandSettings)
@@ -219,7 +225,7 @@ class WalkSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class WalkTrainSettings:
-    """One training: what is learned, from what, and how."""
+    """Settings of one training of a walking policy: what is learned, from what, and how."""
 
     robot: str
     """Name, or path of an MJCF or of a folder with a robot.toml."""

@@ -15,7 +15,9 @@ from saltus.policy.walking.walk_rewards import TERMS
 
 @dataclass(kw_only=True, eq=False)
 class WalkMemory:
-    """All state that is not the physics engine's; shapes are for one robot."""
+    """Memory of walking robots in training, beside what the physics engine holds; shapes are for
+    one robot.
+    """
 
     actuators: Any  # states of the effects of the drives, see `saltus.effects.chain.ActuatorChain`
     tick: Tensor  # physics steps since the action

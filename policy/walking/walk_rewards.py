@@ -14,7 +14,9 @@ LEAST_COMMAND = 0.1  # m/s or rad/s; who is asked for less need not step; legged
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WalkRewardInputs:
-    """Inputs of the terms; arrays with a leading dimension of robots."""
+    """Inputs of the terms of the walking policy's reward; arrays with a leading dimension of
+    robots.
+    """
 
     command: Places
     """Ahead, to the left [m/s], turning [rad/s], shape (n, 3)."""

@@ -38,7 +38,7 @@ LEFT = (
 
 @dataclass(frozen=True, kw_only=True)
 class PairTally:
-    """Trials of one pair of models on one course."""
+    """Trials of one pair of models (heightmap and policy) on one course, counted."""
 
     successes: int = 0
     trials: int = 0

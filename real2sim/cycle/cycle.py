@@ -33,7 +33,7 @@ class CycleObserver(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class CycleRun:
-    """A cycle in its folder."""
+    """One cycle of log, find, train and measure, in its folder."""
 
     folder: CycleFolder
     settings: CycleSettings

@@ -22,7 +22,7 @@ MODELS: tuple[ModelKind, ...] = ("heightmap", "policy")
 
 @dataclass(frozen=True)
 class CycleFolder:
-    """Names of what lies in the folder."""
+    """Names of the files in a cycle's folder."""
 
     root: Path
     robot: Robot

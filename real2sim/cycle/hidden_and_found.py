@@ -22,7 +22,9 @@ SAME = 1e-6  # relative: profiles are written with all their digits, and read ba
 
 @dataclass(frozen=True, kw_only=True)
 class TruthRow:
-    """A parameter that was hidden, that was found, or both; None where it does not apply."""
+    """A row of the table of a cycle's effects: a parameter that was hidden, that was found, or
+    both; None where it does not apply.
+    """
 
     effect: str
     parameter: str

@@ -19,7 +19,7 @@ experiment."""
 
 @dataclass(frozen=True, kw_only=True)
 class CycleSettings:
-    """A cycle of the robot of the shipped models.
+    """Settings of a cycle (log, find, train, measure) of the robot of the shipped models.
 
     All but the numbers of trials stay as the folder was begun.
 

@@ -33,7 +33,7 @@ POOLED_D435I = Intrinsics(
 
 @dataclass(frozen=True, kw_only=True)
 class FootageCamera:
-    """Claims about a camera."""
+    """The camera of an experiment, as its log will claim it."""
 
     rate_hz: float = 50.0
     latency_s: float = 0.0

@@ -26,7 +26,7 @@ shows."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExperimentCommands:
-    """Commands at each tick, shapes (n, 12)."""
+    """Joint commands of an experiment at each tick, shapes (n, 12)."""
 
     q_des: Floats
     dq_des: Floats

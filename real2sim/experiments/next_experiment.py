@@ -149,7 +149,7 @@ def _short(value: float) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class EffectSeparations:
-    """Separations that one experiment shows."""
+    """How well one experiment tells pairs of effects apart."""
 
     visible: dict[str, tuple[float, float]]
     """Size of an effect in its first parameter, as deviation from null, or 0 where that is

@@ -28,7 +28,7 @@ def held_experiment(name: str) -> Experiment:
 
 
 class ExperimentRun:
-    """One motion, one call every 2 ms.
+    """One experiment's motion on a robot, one call every 2 ms.
 
     Args:
         backend: The robot, which has been reset.

@@ -45,7 +45,7 @@ class SensorNoise:
 
 
 class SimulatedSensors:
-    """Sensors with noise."""
+    """Sensors of a simulated robot in an experiment, with noise."""
 
     def __init__(self, noise: SensorNoise, rng: np.random.Generator) -> None:
         self._noise = noise

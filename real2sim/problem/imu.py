@@ -64,7 +64,7 @@ STEADY_RAD = 1e-5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ImuWindows:
-    """Readings of IMU and motion capture; w windows.
+    """Windows of readings of IMU and motion capture; w windows.
 
     Attributes:
         start_s: Shape (w,).
@@ -229,8 +229,8 @@ def imu_candidates() -> tuple[Candidate, ...]:
 
 
 class ImuProblem(Problem):
-    """One IMU, one block "imu"; `RecordingError` where the log lacks `imu.csv`,
-    or the motion of its base.
+    """The problem of the IMU: which errors make it read what a log tells; one block "imu".
+    `RecordingError` where the log lacks `imu.csv`, or the motion of its base.
     """
 
     name = "imu"

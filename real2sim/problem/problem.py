@@ -28,7 +28,7 @@ four."""
 
 @dataclass(frozen=True, kw_only=True)
 class LogSegment:
-    """A stretch of a log.
+    """A named stretch of a run log, with its condition.
 
     Segments with one condition are repeats of a motion, or one motion at several amplitudes.
     """
@@ -41,7 +41,9 @@ class LogSegment:
 
 @dataclass(frozen=True)
 class Unknown:
-    """One number to be estimated, in a coordinate in which residuals change smoothly."""
+    """One number of an effect that the search estimates, in a coordinate in which residuals change
+    smoothly.
+    """
 
     name: str
     low: float

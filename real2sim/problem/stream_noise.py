@@ -26,7 +26,7 @@ Hz. Slower noise cannot be told from motion."""
 
 @dataclass(frozen=True, kw_only=True)
 class StreamNoise:
-    """First-order noise: white noise through a low-pass filter."""
+    """Noise of a measured stream as first-order noise: white noise through a low-pass filter."""
 
     sigma: float
     """Standard deviation of a sample."""

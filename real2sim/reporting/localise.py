@@ -26,7 +26,7 @@ QUANTILES = np.linspace(0.1, 0.9, 17)  # of the variable's size: thresholds that
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ResidualSignal:
-    """One signal at one place."""
+    """The residual of one signal at one place of a robot, in which a cause is looked for."""
 
     signal: str
     """E.g. "q"."""

@@ -223,7 +223,7 @@ HELD = "joint_tour"
 
 
 class NextStep(NamedTuple):
-    """A command and what it is for."""
+    """A command that a verdict advises, and what it is for."""
 
     command: str
     why: str

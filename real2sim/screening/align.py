@@ -48,7 +48,7 @@ JUMP_M = 0.1  # between poses: 10 m/s along a ray; only an edge is faster
 
 @dataclass(frozen=True, kw_only=True)
 class ClockOffset:
-    """How much later one stream is than another."""
+    """How much later one stream of a log is than another, by its clock."""
 
     stream: str
     reference: str
@@ -95,7 +95,7 @@ def clock_offsets(log: RunLog) -> tuple[ClockOffset, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class MotionSamples:
-    """Samples of a motion."""
+    """Samples of one motion as a stream of a log shows it, to compare clocks by."""
 
     name: str
     time_s: Floats

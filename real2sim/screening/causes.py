@@ -58,7 +58,7 @@ PER_DEGREE = 1.0 / ANGLES["deg"]
 
 @dataclass(frozen=True, kw_only=True)
 class TorqueCause:
-    """One factor of a drive's law."""
+    """One factor in a drive's law that would explain the torque that a log tells."""
 
     factor: float
     """Logged torque over the part of the law that it scales."""

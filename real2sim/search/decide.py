@@ -68,7 +68,7 @@ SET_SIZE = 3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ScoredFit:
-    """A fit with its held-out cost.
+    """A fitted model of effects with its cost on held-out segments.
 
     Attributes:
         fit: The fit.
@@ -88,7 +88,7 @@ class ScoredFit:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModelComparison:
-    """Split, cells and thresholds with which models are compared."""
+    """Split, cells and thresholds with which models of effects are compared."""
 
     layout: UnknownsLayout
     split: ResidualSplit

@@ -14,7 +14,8 @@ from saltus.real2sim.search.unknowns_layout import ModelEffects, UnknownsLayout
 
 
 class KnownFits:
-    """The best fit of each model, and derivatives by all unknowns at some of them.
+    """Fits that the search has made so far: the best of each model, and derivatives by all unknowns
+    at some of them.
 
     Args:
         null: Fit of the model without effects. Derivatives are computed there.

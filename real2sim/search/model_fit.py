@@ -26,7 +26,7 @@ ITERATIONS = 5
 
 
 class ProblemEvaluator:
-    """Evaluates a problem, counts the simulations and reports progress."""
+    """Evaluates a problem's residuals, counts the simulations and reports progress."""
 
     def __init__(
         self, problem: Problem, progress: Callable[[str, int], None] | None = None
@@ -50,7 +50,7 @@ class ProblemEvaluator:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModelFit:
-    """A model with the unknowns that were reached so far.
+    """A model (a set of effects) with the unknowns that its fit has reached so far.
 
     Attributes:
         model: The effects.

@@ -17,7 +17,7 @@ from saltus.real2sim.search.unknowns_layout import UnknownsLayout
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class QuadraticCost:
-    """Costs around a point.
+    """Quadratic approximation of a problem's cost around a point, chunk by chunk of the log.
 
     Attributes:
         columns: Unknowns with known derivatives, ascending, shape (k,).

@@ -39,7 +39,7 @@ TEST = -1
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ResidualSplit:
-    """Assignment of residuals to chunks and folds."""
+    """Which residuals are fitted, held out or kept for the test: assignment to chunks and folds."""
 
     chunk: Indices
     """Chunk of each residual, shape (m,)."""
@@ -139,7 +139,7 @@ segment."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ResidualCells:
-    """The rows of a problem sorted by segment and signal.
+    """Residuals of a problem sorted by segment and signal.
 
     Attributes:
         rows: Rows in order of cell, then time, shape (rows,).

@@ -38,8 +38,8 @@ def beside_disparity_edge(disparity: Images, jump: float) -> Masks:
 
 @dataclass(frozen=True, kw_only=True)
 class StereoEdgeHoles(RandomStereoEffect, name="edge_holes"):
-    """A share `fraction` of the pixels within `reach` of a depth edge,
-    on its far side, is invalid, in patches.
+    """A share `fraction` of the pixels within `reach` of a depth edge, on its far side, is invalid,
+    in patches.
 
     The near side usually wins the match, so it keeps its pixels.
     """

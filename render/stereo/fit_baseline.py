@@ -30,7 +30,7 @@ BESIDE = 2  # pixels from the border of a shadow at which depth is read: clear o
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StereoShadows:
-    """Runs of invalid pixels in rows that the geometry of stereo explains."""
+    """Runs of invalid pixels in rows of a recording that the geometry of stereo explains."""
 
     width: Floats
     """[px], shape (n,)."""

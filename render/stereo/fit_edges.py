@@ -24,7 +24,7 @@ FLYING_SIGMAS = 6.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EdgeCurves:
-    """Invalid share against the place."""
+    """Share of invalid pixels against their distance from depth edges, in a recording."""
 
     column: Floats
     """Share of the frames and rows in which each column is invalid, shape (width,)."""

@@ -28,7 +28,7 @@ CORRELATED_PX = 100.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NoiseCurves:
-    """Curves of the noise as measured."""
+    """Noise of a recorded stereo camera against depth, as measured."""
 
     range_m: Floats
     """Middle of each bin that has enough pixels [m], shape (n,)."""

@@ -13,7 +13,7 @@ from saltus.render.stereo.optics import StereoOptics
 
 
 class Morphology(Protocol):
-    """Morphology of images; what lies beyond a border counts as the border does.
+    """Erosion and dilation of images, by any library; beyond a border counts as the border does.
 
     A frozen value without fields.
     """

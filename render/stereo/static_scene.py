@@ -18,7 +18,7 @@ from saltus.wire.messages import DepthFrame
 
 @dataclass(frozen=True, kw_only=True)
 class StereoEstimate:
-    """A parameter as a recording shows it."""
+    """A parameter of a stereo camera's noise as a recording shows it, with how sure that is."""
 
     value: float | None = None
     """None where the recording cannot show it."""

@@ -30,7 +30,7 @@ NEEDED_BYTES = 2_000_000_000  # a minute of recording, report and video with roo
 
 @dataclass(frozen=True, kw_only=True)
 class CheckResult:
-    """The result of one check."""
+    """The result of one check of the installation."""
 
     name: str
     ok: bool

@@ -22,7 +22,9 @@ _IMPORT = "<frozen importlib._bootstrap>"
 
 
 class Ended(KeyboardInterrupt):
-    """One of these signals has come; whoever cleans up after Ctrl-C cleans up after it."""
+    """Raised when a signal has come that ends this program; whoever cleans up after Ctrl-C cleans
+    up after it.
+    """
 
     def __init__(self, number: int) -> None:
         super().__init__(number)

@@ -75,7 +75,7 @@ def held_late(ago: Callable[[Indices], Floats], steps: Floats) -> Floats:
 
 @dataclass(frozen=True, kw_only=True)
 class LateCommand(Effect[JointCommand], site="command"):
-    """Part of a command, or all of it, is `delay` old when the drive uses it."""
+    """An effect by which part of a command, or all of it, is `delay` old when the drive uses it."""
 
     # searched up to 25 ms by published identification methods; hobby servos reach 130 ms
     delay: Drawable = parameter(

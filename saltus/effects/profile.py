@@ -59,7 +59,7 @@ PARTS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Profile(TomlValue):
-    """The effects of one robot's hardware.
+    """A profile: all effects of one robot's hardware that a simulation has.
 
     Raises:
         ConfigError: an effect that is given twice, or in a part where it does not belong.

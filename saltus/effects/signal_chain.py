@@ -32,7 +32,8 @@ def ordered(effects: tuple[Effect, ...], order: Order, what: str) -> tuple[Effec
 
 @dataclass(frozen=True)
 class Chain:
-    """Effects in one fixed order, whatever the order in which they are given.
+    """Effects of one part of a robot in one fixed order, whatever the order in which they are
+    given.
 
     Those that are null are left out.
 
@@ -86,7 +87,7 @@ def chosen_of(robots: Array, new: State, old: State) -> State:
 
 @dataclass(frozen=True)
 class SignalChain(Chain):
-    """Effects on one signal."""
+    """Effects on one signal, each applied to the result of the one before."""
 
     def step(
         self, signal: Signal, time_s: Array, state: tuple[object, ...], fresh: Array | None = None

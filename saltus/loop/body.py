@@ -28,7 +28,7 @@ from saltus.wire.messages import ControllerMode
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BodyState:
-    """Memory of estimators and leg laws; that of the physics is in the engine."""
+    """Memory of a batch of robots' estimators and leg laws; the engine has that of the physics."""
 
     law: LawState
     estimate: EstimatorState

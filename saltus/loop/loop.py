@@ -28,7 +28,8 @@ _STREAM = 9  # of a trial's seed: other numbers than those of the trial itself
 
 
 class Pushes:
-    """Pushes from the left or the right, when the trunk first passes a place.
+    """Pushes on the robots of a loop from the left or the right, when the trunk first passes a
+    place.
 
     It lies between where time begins to run and the last edge, or the end of flat ground: a robot
     that is pushed behind the last edge has arrived before it could fall. Place and side follow from

@@ -20,7 +20,9 @@ from saltus.straight_line import straight_line
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Observation:
-    """The robot in its yaw frame; all arrays share their leading batch dimensions."""
+    """What a planner is told of robots, in their yaw frame; all arrays share their leading batch
+    dimensions.
+    """
 
     roll: Array
     """[rad], shape (...)."""
@@ -41,7 +43,7 @@ class Observation:
 
 
 class Planner(Protocol):
-    """Plans for any batch of robots, always the same ones or such as begin."""
+    """Anything that plans motions for a batch of robots, always the same ones or such as begin."""
 
     def step(
         self, observation: Observation, heights: Reals, fresh: NDArray[np.bool_] | bool = False

@@ -32,7 +32,7 @@ CAMERAS_MAX = 16  # calibrations of a topic that are looked at; one that changes
 
 @dataclass(frozen=True)
 class BagMessage:
-    """One message, or what is kept of it."""
+    """One message of a ROS bag, or what is kept of it."""
 
     arrival_s: float
     time_s: float

@@ -20,7 +20,7 @@ LIBRARY = "saltus-cdr"
 
 
 class CdrLog:
-    """A recording of some topics.
+    """Writes a recording of some DDS topics as an MCAP file that ROS 2 opens.
 
     Args:
         path: The file; its folder is made.

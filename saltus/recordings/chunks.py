@@ -25,7 +25,7 @@ _BEFORE_PAYLOAD = _MESSAGE.size - _HEAD.size  # bytes that the length counts
 
 
 class ChunkRow(NamedTuple):
-    """A message as a chunk has it."""
+    """A message as a chunk of an MCAP file has it."""
 
     channel: int
     sequence: int

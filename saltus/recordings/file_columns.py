@@ -36,7 +36,9 @@ NUMBER = re.compile(
 
 @dataclass(frozen=True, kw_only=True)
 class FileColumns:
-    """Columns of a file by their names, shape (rows,) each, or (rows, joints) of an archive."""
+    """Columns of a table or archive of a stranger's log by their names, shape (rows,) each, or
+    (rows, joints) of an archive.
+    """
 
     values: dict[str, Floats]
     notes: tuple[str, ...] = ()

@@ -41,7 +41,7 @@ _INDEX = struct.Struct(_RECORD.format + "HI")
 
 
 class IndexedWriter:
-    """Writes one file, in chunks of at least so many bytes, compressed by zstd.
+    """Writes one MCAP file with its index, in chunks of at least so many bytes, compressed by zstd.
 
     The index is a file without a name in `folder`: 200 bytes for each chunk.
     """

@@ -56,7 +56,7 @@ VELOCITIES = {
 
 @dataclass(frozen=True)
 class LogSignal:
-    """A part of a run log that has one unit."""
+    """A signal of a run log that has one unit, and the units in which others log it."""
 
     key: str
     """Field of `LogUnits` that says it."""

@@ -60,7 +60,7 @@ SEQUENCE_MASK = 2**32 - 1  # MCAP counts in a uint32
 
 
 class Recorder:
-    """Writes one recording.
+    """Writes the recording of one run (MCAP), message by message.
 
     Raises:
         RecordingError: the file cannot be created, or, from `write` and `close`, no longer be

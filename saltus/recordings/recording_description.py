@@ -35,7 +35,7 @@ class BagTopics:
 
 @dataclass(frozen=True, kw_only=True)
 class TableColumns:
-    """Columns of a table.
+    """Which columns of somebody else's table hold which signals.
 
     In that of a signal, {joint} stands for a joint's name, {number} for its place, from 0.
 

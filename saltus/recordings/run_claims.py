@@ -17,7 +17,7 @@ from saltus.robots.shipped import shipped_robots
 
 
 class SegmentClaim(TypedDict):
-    """A motion of a run."""
+    """A stretch of a run log and the motion in it, as the log claims it."""
 
     name: str
     t0: float
@@ -56,14 +56,16 @@ class GroundClaim(TypedDict, total=False):
 
 
 class ExcitationClaim(TypedDict, total=False):
-    """The motions, in words and one by one."""
+    """The motions of a run log, in words and one by one, as the log claims them."""
 
     text: str
     segments: list[SegmentClaim]
 
 
 class RigClaims(TypedDict, total=False):
-    """All claims. Those of a log that was read are known to be sound."""
+    """All claims of a run log about robot, gains, ground and camera. Those of a log that was read
+    are known to be sound.
+    """
 
     schema: str
     joints: list[str]

@@ -51,7 +51,7 @@ FORMS = {"parquet": read_parquet, "npz": read_archive, "csv": read_text}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LogTable:
-    """Rows of one table."""
+    """Rows of one table of a run log, such as its IMU."""
 
     time_s: Floats
     """Shape (n,)."""
@@ -61,7 +61,9 @@ class LogTable:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointTable:
-    """State measured at a time and the command that takes force then; shapes (n, joints)."""
+    """Joints of a run log: state measured at a time and the command that takes force then; shapes
+    (n, joints).
+    """
 
     time_s: Floats
     q: Floats
@@ -88,7 +90,7 @@ class JointTable:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DepthTable:
-    """Images of one camera."""
+    """Depth images of one camera in a run log."""
 
     arrival_s: Floats
     capture_s: Floats | None

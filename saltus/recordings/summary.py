@@ -25,7 +25,9 @@ from saltus.wire.messages import (
 
 @dataclass(frozen=True, kw_only=True)
 class MotionPower:
-    """Power while the controller was in one mode: torque, as the drives believe, times speed."""
+    """Power of a robot's joints while the controller was in one mode: torque, as the drives
+    believe, times speed.
+    """
 
     motion: str
     """Name of the mode, in small letters."""

@@ -128,7 +128,7 @@ KINDS = {"box": ros.CUBE, "ball": ros.SPHERE, "cylinder": ros.CYLINDER}
 
 @dataclass(frozen=True, eq=False)
 class ViewerMessage:
-    """One derived message."""
+    """One message for a viewer such as Foxglove, derived from those of a run."""
 
     topic: str
     type_name: str

@@ -20,7 +20,7 @@ _NEARLY_STRAIGHT = Constant(1e-6 * np.eye(3))  # a straight leg has no inverse
 
 
 class LegKinematics:
-    """The way from joint angles to feet and back, of one kind of robot."""
+    """Kinematics of the legs of one kind of robot: from joint angles to feet and back."""
 
     def __init__(self, robot: Robot) -> None:
         self._thigh, self._calf = robot.thigh_length, robot.calf_length

@@ -32,7 +32,9 @@ Numbers = TypeVar("Numbers", bound=Any)
 
 @dataclass(frozen=True, kw_only=True)
 class Similarity:
-    """A robot's size over that of the reference."""
+    """A robot's size over that of the reference robot, by which lengths, times and forces of laws
+    are scaled.
+    """
 
     length: float
     mass: float

@@ -21,7 +21,7 @@ TOLERANCE = 1e-6  # of axes [-] and lengths [m]: numbers of an MJCF have about s
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LegStructure:
-    """One leg of a model.
+    """Bodies, joints and foot of one leg in a compiled model.
 
     Vectors and rotations are those in the base frame where all joints are at zero.
     """

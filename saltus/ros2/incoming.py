@@ -50,7 +50,7 @@ DEPTH = "/camera/depth/image_rect_raw"
 
 @dataclass(frozen=True, eq=False)
 class NewestMessage:
-    """The newest message of a kind."""
+    """The newest message of a kind that came from ROS, and when."""
 
     message: Any
     time_ns: int

@@ -51,7 +51,7 @@ GAP_NS = 1_000_000_000  # a robot that was silent for so long has not gone on at
 
 @dataclass(frozen=True, eq=False)
 class OutgoingRosMessage:
-    """One message for ROS."""
+    """One message that is to be sent to ROS: its topic, type and bytes."""
 
     topic: str
     """Below the namespace, or "/tf"."""
@@ -141,7 +141,7 @@ def millimetres(frame: DepthFrame) -> NDArray[np.uint16]:
 
 
 class EstimatedWay:
-    """The way that estimated velocities add up to: it drifts, as the frame odom may."""
+    """Where a robot is by adding up its estimated velocities: it drifts, as the frame odom may."""
 
     def __init__(self) -> None:
         self._position: Floats | None = None

@@ -52,7 +52,8 @@ PEER_FLAG = "--peer"
 
 
 class ProcessContext:
-    """A process and its surroundings.
+    """A process of a run and its surroundings: configuration, clock, bus, and how it tells that it
+    lives.
 
     If the supervisor has started it (`cued`, how it waits: see `saltus.runtime.cue`), it begins
     when it is told to, and in real time the scheduler is asked to prefer it.

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 @dataclass(frozen=True, kw_only=True)
 class Program:
-    """One row of the process table."""
+    """A program of the stack: one row of the process table."""
 
     name: str
     module: str

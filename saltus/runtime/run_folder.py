@@ -19,7 +19,7 @@ CLIENT_FILE = "client.json5"
 
 @dataclass(frozen=True, kw_only=True)
 class RunFolder:
-    """The files of a run's folder, read."""
+    """The files of a run's folder, read: its configuration and setup."""
 
     config: RunConfig
     setup: Setup

@@ -18,7 +18,7 @@ recording is behind."""
 
 
 class RunRecorder:
-    """Writes samples in their order, a few at a time."""
+    """Records the messages of a run that this process hosts, in their order, a few at a time."""
 
     def __init__(self, recorder: Recorder, clock: RunClock, failed: Callable[[str], None]) -> None:
         """Calls `failed` once, with the reason, where the recording cannot be written any more."""

@@ -6,7 +6,7 @@ from saltus.clock import RunClock
 
 
 class Ticker:
-    """Loop of fixed rate on absolute deadlines of a clock, by default the machine's.
+    """Wakes a loop at a fixed rate by absolute deadlines of a clock, by default the machine's.
 
     A late tick is followed at once by the next, but by `catch_up` of them at most: the ticks that
     are missed beyond that are counted as overruns and left out, so that a stall never ends in a

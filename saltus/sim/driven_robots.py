@@ -26,7 +26,7 @@ DrivenMotion = tuple[float | Floats, Floats, Floats, Floats, Floats, Floats, Flo
 
 
 class DrivenRobots(ABC):
-    """Joint commands in, states out, 2 ms at a time.
+    """Simulated robots with their drives: joint commands in, states out, 2 ms at a time.
 
     One robot, or with a leading dimension (count,) a batch.
 

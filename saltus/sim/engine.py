@@ -25,7 +25,7 @@ TOUCHING = tuple(f"{leg}_{link}" for link in ("foot", "thigh", "calf", "hip") fo
 
 
 class Engine(ABC):
-    """`count` robots that know nothing of each other.
+    """Anything that simulates `count` robots that know nothing of each other.
 
     The arrays are alive: the next step changes those that are results, and reads those that are
     inputs.

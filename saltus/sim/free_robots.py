@@ -21,7 +21,7 @@ OWN_GROUND = 1e-3  # boxes of which one has its top below this [m] bring their o
 
 @dataclass(frozen=True, kw_only=True)
 class ContactSolver:
-    """How contacts and time are computed; the defaults are the scene's own."""
+    """How contacts and time of simulated robots are computed; the defaults are the scene's own."""
 
     impratio: float = robot_model.CONTACT_IMPRATIO
     """Ratio of frictional to normal stiffness."""

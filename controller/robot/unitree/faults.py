@@ -52,7 +52,7 @@ _TEXT = re.compile(r"(?P<kind>\w+)(:(?P<joint>\w+))?(@(?P<start>[\d.]+))?")
 
 @dataclass(frozen=True, kw_only=True)
 class PlantedFault:
-    """One fault, from some time on."""
+    """One fault of a simulated robot's hardware or link, from some time on."""
 
     kind: str
     joint: str = JOINTS[0]
@@ -84,7 +84,7 @@ class PlantedFault:
 
 
 class PlantedFaults:
-    """Makes of commands and states what faulty hardware does, tick by tick.
+    """Turns commands and states of a simulated robot into those of faulty hardware, tick by tick.
 
     Args:
         faults: All of them; they add up.

@@ -35,7 +35,7 @@ eight minutes of walks, jumps and pushes, with a flipped hip 32 of 32 to 18 or m
 
 
 class HipWatch:
-    """Evidence against each hip, from one state to the next."""
+    """Evidence that a hip's sign is flipped, for each hip, gathered from state to state."""
 
     def __init__(self, robot: Robot) -> None:
         self._forces, self._sign = FootForces(robot), robot.joint_sign

@@ -11,7 +11,9 @@ from saltus.robots.robot import JOINTS, Robot
 
 @dataclass(frozen=True, kw_only=True)
 class StageLimits:
-    """Limits on what is measured."""
+    """Limits of one stage (stand, bound, course) on torque, speed and power of a robot that is
+    commanded over DDS.
+    """
 
     torque_share: float
     """Share of a joint's torque limit, for the torque in the drive's own belief, which does not

@@ -66,7 +66,7 @@ ON_LOOPBACK = (
 
 @dataclass(frozen=True, slots=True)
 class ArrivedMessage:
-    """A message as it came."""
+    """A DDS message as it came, with its times."""
 
     payload: bytes
     arrival_ns: int
@@ -76,7 +76,7 @@ class ArrivedMessage:
 
 
 class UnitreeLink:
-    """One participant in a robot's domain.
+    """One participant in a robot's DDS domain, which sends and takes its messages.
 
     Args:
         domain: Number of the domain: 0 on a robot.

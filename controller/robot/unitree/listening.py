@@ -35,7 +35,7 @@ ON_PLANE_M = 0.004
 
 @dataclass(frozen=True, kw_only=True)
 class PreflightCheck:
-    """One line of a preflight."""
+    """One line of a preflight: its name, whether it passed, and what was seen."""
 
     name: str
     passed: bool
@@ -49,7 +49,7 @@ class PreflightCheck:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ListenedStates:
-    """States of a robot that was only listened to."""
+    """States of a robot that was listened to for a while, and sent nothing."""
 
     messages: UnitreeMessage
     """States that were taken over, shape (n,)."""

@@ -92,7 +92,8 @@ UnitreeMessage = NDArray[np.void]
 
 
 class MessageLayout:
-    """A message type as a C struct and as CDR.
+    """One of a robot's message types as a C struct and as CDR, the form in which it travels over
+    DDS.
 
     Args:
         type_name: Name in ROS 2, of `DEFINITIONS`, of a type with head and checksum.

@@ -32,7 +32,8 @@ RELEASED_S = 5.0
 
 
 class MotionService:
-    """The service, as we ask it.
+    """The service of a robot that moves it by itself, as we ask it over DDS: for its mode, and to
+    release the robot.
 
     Args:
         link: To the robot; it sends `REQUESTS` and takes `ANSWERS`.
@@ -114,7 +115,7 @@ class MotionService:
 
 
 class SimulatedMotionService:
-    """The service of a simulated robot, which answers requests."""
+    """A simulated robot's motion service, which answers requests for its mode and for release."""
 
     def __init__(self) -> None:
         self.released = False

@@ -24,7 +24,7 @@ WAIT_S = 0.1  # how often a wait looks at the clock
 
 
 class UnitreeRobot(RobotBackend):
-    """One robot on DDS.
+    """One Unitree robot on DDS: the backend that commands it and reads its states.
 
     From a loss of its states on it is told to damp, whatever it should do; while another program
     commands it, it is told nothing at all. A loss holds until `reset`.

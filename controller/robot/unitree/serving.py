@@ -48,7 +48,7 @@ class OtherCommander:
 
 
 class RobotServer:
-    """One simulated robot that is commanded over a link."""
+    """One simulated robot that hears commands and tells its states over DDS."""
 
     def __init__(
         self, link: UnitreeLink, robot: SimulatedUnitree, stranger: OtherCommander

@@ -36,7 +36,9 @@ MEASURED = ("imu_state", "motor_state")
 
 @dataclass(frozen=True, kw_only=True)
 class LinkHealth:
-    """Counts of what came since the start."""
+    """Counts of the states of a robot that came over DDS since the start, of those that were lost,
+    and of those that could not be used.
+    """
 
     states: int
     """States that were taken over."""

@@ -28,7 +28,9 @@ TRUTH = MessageLayout(NAME)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TruthSample:
-    """Truth of one instant."""
+    """The truth about a simulated robot at one instant (motion, contacts, terrain), as it sends it
+    beside its states.
+    """
 
     tick: int
     """Clock of the state that was said at the same instant [ms]."""

@@ -13,8 +13,8 @@ WARM_UP = 4
 
 
 class CudaGraph:
-    """Calls `update` at first, then what was recorded of it,
-    which works in place and waits for nothing.
+    """Runs an update of a training as a recorded CUDA graph: it calls `update` at first, then
+    replays what was recorded of it, which works in place and waits for nothing.
     """
 
     def __init__(self, draws: SeededRandom, update: Callable[[], None]) -> None:

@@ -41,7 +41,7 @@ WIDTHS_KEPT = 64
 
 @dataclass(frozen=True, kw_only=True)
 class ScanScore:
-    """Errors of one method on the points of one group."""
+    """Errors of the heights of one method on a group of points, in simulated flights."""
 
     row: str
     grid: str

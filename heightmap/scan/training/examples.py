@@ -30,7 +30,7 @@ from saltus.heightmap.scan.training.settings import ScanTrainSettings
 
 @dataclass(frozen=True)
 class UpdateCalls:
-    """The three pieces of an update that take time, as they are or compiled."""
+    """The three parts of a training update of the scan that take time, as they are or compiled."""
 
     march: RayMarch
     see: Callable[..., tuple[ElevationMap, ScanInputs, MapContext]]

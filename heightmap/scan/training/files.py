@@ -28,7 +28,7 @@ COLUMNS = (
 
 @dataclass(frozen=True, kw_only=True)
 class ScanTrainingProgress:
-    """Where a training is; figures are means over the last round."""
+    """How far a training of the scan's network is; figures are means over the last round."""
 
     update: int
     images: int

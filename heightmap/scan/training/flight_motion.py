@@ -25,7 +25,7 @@ _FOOT_REACH_M = 0.12
 
 
 class FlightMotion(NamedTuple):
-    """Motion of a batch of robots: tables of steps of `STEP_S`, in the world."""
+    """True motion of the robots of a flight: tables of steps of `STEP_S`, in the world."""
 
     position: Tensor
     """Place of the base [m], shape (robots, steps, 3)."""

@@ -26,7 +26,9 @@ WALK_M = 0.004
 
 
 class FlightOdometry(NamedTuple):
-    """The believed motion: tables as those of `FlightMotion`."""
+    """Motion of the robots of a flight as their odometry tells it: tables as those of
+    `FlightMotion`.
+    """
 
     position: Tensor
     angles: Tensor

@@ -21,7 +21,9 @@ SINKS_M = 0.1
 
 
 class GroundPatches(NamedTuple):
-    """One patch per robot, in its own world, whose origin is the patch's middle."""
+    """Grounds of the robots of a flight, one patch each, in its own world, whose origin is the
+    patch's middle.
+    """
 
     height: Tensor
     """[m], shape (robots, raster, raster): rows along x, columns along y."""

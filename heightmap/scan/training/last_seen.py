@@ -14,7 +14,9 @@ CELL_M = 0.02
 
 
 class LastSeen:
-    """A raster over the patch of each robot: the time of the last image with a point there."""
+    """When each place of the ground was last seen: a raster over the patch of each robot with the
+    time of the last image with a point there.
+    """
 
     def __init__(self, robots: int, settings: FlightSettings, like: Tensor) -> None:
         self._side = round(settings.patch_m / CELL_M)

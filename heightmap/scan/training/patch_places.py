@@ -13,7 +13,7 @@ from saltus.heightmap.scan.training.settings import FlightSettings
 
 @dataclass(frozen=True)
 class PatchPlaces:
-    """Where the law of each of n patches lies."""
+    """Where the terrain of each of n patches of ground lies in its patch."""
 
     x: Tensor
     """Places of the raster's cells [m], shape (1, raster, 1), and `y` of shape (1, 1, raster)."""

@@ -18,7 +18,8 @@ GAITS = ("walk", "trot", "bound", "hand")
 
 @dataclass(frozen=True, kw_only=True)
 class FlightSettings(TomlValue):
-    """From what ground, motion, mounts, cameras and odometry are drawn.
+    """Settings of simulated flights: from what ground, motion, mounts, cameras and odometry are
+    drawn.
 
     Raises:
         ConfigError: a number out of its range, or an unknown family or gait.
@@ -110,7 +111,7 @@ class FlightSettings(TomlValue):
 
 @dataclass(frozen=True, kw_only=True)
 class NetworkSettings(TomlValue):
-    """Sizes of the network.
+    """Sizes of the scan's network.
 
     Raises:
         ConfigError: a size that no network has.
@@ -147,7 +148,7 @@ class NetworkSettings(TomlValue):
 
 @dataclass(frozen=True, kw_only=True)
 class ScanTrainSettings(TomlValue):
-    """One training.
+    """Settings of one training of the scan's network.
 
     Raises:
         ConfigError: a number out of its range.

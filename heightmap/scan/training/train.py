@@ -52,7 +52,7 @@ cm of a hit."""
 
 
 class ScanTrainer:
-    """One training: network, optimiser, mean of weights, and how far it is.
+    """One training of the scan's network: network, optimiser, mean of weights, and how far it is.
 
     A round draws all of its flights from the seed and its own number, so that a training that goes
     on from a checkpoint does what one would have done that was not interrupted.

@@ -54,7 +54,7 @@ UNKNOWN_PLACE_M, UNKNOWN_HEADING_RAD = 0.05, 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class BodyNoise:
-    """Noise of means over blocks, by kind of signal: shapes (5,)."""
+    """Noise of the body's signals, as means over blocks, by kind of signal: shapes (5,)."""
 
     sigma: Floats
     correlation: Floats
@@ -134,7 +134,7 @@ def read_body_noise(log: RunLog) -> BodyNoise:
 
 
 class BodyWhitening:
-    """Turns errors into residuals of unit variance.
+    """Turns errors of the body's signals into residuals of unit variance.
 
     Args:
         noise: Of the sensors.

@@ -131,7 +131,8 @@ IN_WORDS = {
 
 
 class BodyProblem(Problem):
-    """One robot on the ground, one block "trunk".
+    """The problem of a robot's trunk on the ground: which masses, contacts and frictions make it
+    move as its log says; one block "trunk".
 
     Args:
         log: With base "free", `base.csv` and the joints of a quadruped in the order of `JOINTS`.

@@ -111,7 +111,7 @@ cache."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BodySimulation:
-    """Simulated robots, for n sets of unknowns.
+    """Simulated robots that replay a log's windows, for n sets of unknowns.
 
     Attributes:
         body: Trunk, payload, ground; shapes (n, ...).
@@ -141,7 +141,7 @@ class BodySimulation:
 
 
 class BodyReplay:
-    """Simulations of the windows of one log.
+    """Replays the windows of one log with simulated robots.
 
     Args:
         robot: Of the log.

@@ -47,7 +47,8 @@ BY_WINDOW = ("start_s", "segment", "qpos", "qvel", "drive", "measured")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BodyWindows:
-    """Where simulations start and what was measured after that; w windows.
+    """Windows of a log of a robot on the ground: where simulations start and what was measured
+    after that; w windows.
 
     Attributes:
         start_s: Shape (w,).

@@ -105,7 +105,9 @@ def camera_candidates(
 
 @dataclass(frozen=True, kw_only=True)
 class CameraEffects:
-    """One set of unknowns by their effects; the defaults are a camera as claimed."""
+    """Effects of a camera that one set of unknowns stands for; the defaults are a camera as
+    claimed.
+    """
 
     camera_latency: float = 0.0
     """Added to the claimed one [s]."""

@@ -54,7 +54,7 @@ CountRow = tuple[int, int, float, float, float, float, float]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CountRows:
-    """Each row: its kind, segment, time, what was measured,
+    """Counts of invalid or copied pixels, a row each: its kind, segment, time, what was measured,
     its standard deviation, and what it depends on.
     """
 

@@ -22,7 +22,9 @@ SECOND_DIFFERENCE = 6.0  # 1 + 4 + 1: variance of x[-1] - 2 x[0] + x[1] over tha
 
 @dataclass(frozen=True, kw_only=True)
 class NoiseLaw:
-    """Standard deviation sqrt((quadratic z^2)^2 + constant^2) of one pixel at depth z."""
+    """How a camera's noise grows with depth z: standard deviation sqrt((quadratic z^2)^2 +
+    constant^2) of one pixel.
+    """
 
     quadratic: float
     """[1/m]."""

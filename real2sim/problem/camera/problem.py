@@ -112,7 +112,8 @@ STILL = 0.3
 
 
 class CameraProblem(Problem):
-    """See `Problem`; one block, "camera".
+    """The problem of the camera: which effects make it see what a log's images show; one block,
+    "camera". See `Problem`.
 
     The base's pose is interpolated at the time of each exposure, rays go to the claimed terrain,
     and pixels are compared on a grid. Pixels near edges of depth are left out there: what happens

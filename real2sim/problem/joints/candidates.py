@@ -45,7 +45,7 @@ BEND = Unknown("bend", 0.0, 5e-3, 2e-4, is_shape=True, is_told=False)
 
 @dataclass(frozen=True, kw_only=True)
 class LogRange:
-    """Range that a log covers at one place of all legs."""
+    """How far the motion of a log goes at one place of all legs: angles, speeds, torques."""
 
     speed: float
     """Largest [rad/s]."""

@@ -20,7 +20,9 @@ Kinks = tuple[tuple[Floats, Floats], ...]
 
 
 class DriveState:
-    """Memory of encoders and drives from the last instant; None where nothing has been yet."""
+    """Memory of the encoders and drives of a replay from the last instant; None where nothing has
+    been yet.
+    """
 
     def __init__(self) -> None:
         self.velocity: Floats | None = None
@@ -33,7 +35,9 @@ class DriveState:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointDrives:
-    """Arrays of shape (branches, joints, sets); None is an effect that no set has."""
+    """Effects in drives and encoders with which joints are replayed; arrays of shape (branches,
+    joints, sets); None is an effect that no set has.
+    """
 
     count: int
     """Number of sets."""

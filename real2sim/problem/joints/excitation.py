@@ -167,7 +167,7 @@ def _step(angles: Floats) -> float | None:
 
 
 class NoiseScaledSignal:
-    """The signal of a log, in units of its noise.
+    """A signal of a joint log in units of its noise, which says how small an effect it could show.
 
     Args:
         rows: Of the log.

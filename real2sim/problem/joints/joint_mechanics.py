@@ -120,7 +120,7 @@ def slowed_by_friction(
 
 
 class RotorPlay:
-    """Where rotors are in their gaps.
+    """Where the rotors of a replay are in the gaps of their gears (backlash).
 
     The law of the drive and the rotor are on the motor's side; in contact both sides move as one.
     Contact ends when the rotor would have to pull, and begins again, without rebound, at an end of

@@ -43,7 +43,7 @@ LARGEST_POLE = 0.98
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointWhitening:
-    """An autoregression for each signal."""
+    """Whitens residuals of joints by an autoregression for each signal."""
 
     weights: Floats
     """Weights of the last `ORDER` samples, shape (ORDER, ...)."""

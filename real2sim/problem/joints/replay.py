@@ -66,7 +66,7 @@ class LoggedMotion:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointWindows:
-    """Stretches that are simulated on their own, from the measured state."""
+    """Stretches of a joint log that are replayed on their own, from the measured state."""
 
     start: Indices
     """First instant, shape (windows,)."""

@@ -74,7 +74,8 @@ linear in all."""
 
 
 class JumpProblem(Problem):
-    """One robot that jumps, one block "robot".
+    """The problem of a robot that jumps: which effects balance its equations of motion; one block
+    "robot".
 
     Args:
         log: With base "free", `base.csv`, `imu.csv`, commands, and the joints of a quadruped in the

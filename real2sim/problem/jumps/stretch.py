@@ -46,7 +46,7 @@ its foot."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JumpStretch:
-    """One segment at n physics steps.
+    """One segment of a jump's log at n physics steps.
 
     Blocks of `size` steps begin at step `first`, where the base was measured.
 
