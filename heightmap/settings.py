@@ -229,7 +229,7 @@ class DaggerSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ProcessorCollection:
-    """Robots that both planners drive on processors: what a round of `DaggerSettings` collects.
+    """Settings of episodes that are collected on processors, driven by rules or by the policy.
 
     Raises:
         ConfigError: no batches, or a seed that is none.
@@ -276,7 +276,7 @@ class DeviceLoop(LoopSettings):
 
 @dataclass(frozen=True, kw_only=True)
 class DeviceCollection:
-    """Robots that the learned policy drives on a GPU, with the predictor in the loop.
+    """Settings of episodes that are collected on a GPU, driven by the policy.
 
     Raises:
         ConfigError: no robots, or a seed that is none.

@@ -44,7 +44,7 @@ UNNAMED = {"robot": "go1", "grid": "line"}
 
 @dataclass(frozen=True, kw_only=True)
 class TerrainConfig:
-    """The terrain. A size that is given wins over the difficulty."""
+    """Settings of a run's terrain: its name and size. A size wins over the difficulty."""
 
     terrain: str = "stairs"
     """flat, stairs, stepping_stones, step, gap, stairs_down, step_down, pyramid, irregular

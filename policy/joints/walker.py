@@ -36,7 +36,8 @@ ON_TIME = 0.75
 
 
 class Walker:
-    """Turns states of one robot into joint targets; the errors of `JointPolicy.refuse_other`.
+    """Moves one robot by joint targets of a policy; its errors are those of
+    `JointPolicy.refuse_other`.
 
     `places` are those of the policy's heights among those of the run's grid; None: they are the
     same.

@@ -12,7 +12,7 @@ from saltus.real2sim.screening.channel_scales import (
     RIGHT,
     LogFault,
     by_cause,
-    gears_of,
+    gear_reductions,
     is_off,
     step_means,
     unit_fault,
@@ -76,7 +76,7 @@ def angle_faults(log: RunLog, q: Floats, q_des: Floats) -> Iterator[LogFault]:
     moved = [j for j in factors if np.ptp(q_des[:, j]) > MOVES]
     if not moved and len(factors) < 3:
         return
-    names, gears = log.meta["joints"], gears_of(log)
+    names, gears = log.meta["joints"], gear_reductions(log)
     for where, factor in by_cause(names, factors):
         own = [joint for joint in factors if abs(factors[joint] / factor - 1.0) < AGREE]
         signal = _wrong_one(log, own, factor)
@@ -141,7 +141,7 @@ def _wrong_one(log: RunLog, joints: list[int], factor: float) -> str:
 
 def posture_faults(log: RunLog) -> Iterator[LogFault]:
     """Faults of all angles together, by the joints' limits or by a full turn."""
-    names, gears = log.meta["joints"], gears_of(log)
+    names, gears = log.meta["joints"], gear_reductions(log)
     for signal, values in (("q", log.joints.q), ("q_des", log.joints.q_des)):
         if values is None:
             continue
@@ -251,5 +251,10 @@ def command_rate_faults(log: RunLog) -> Iterator[LogFault]:
     off = {joint: factor for joint, factor in factors.items() if is_off(factor)}
     for where, factor in by_cause(log.meta["joints"], off) if len(off) > 0.5 * len(factors) else ():
         yield unit_fault(
-            "wrong_rate", "dq_des", f"dq_des of {where}", factor, "the rate of q_des", gears_of(log)
+            "wrong_rate",
+            "dq_des",
+            f"dq_des of {where}",
+            factor,
+            "the rate of q_des",
+            gear_reductions(log),
         )

@@ -114,7 +114,7 @@ def _apart(factor: float, known: float) -> float:
     return abs(float(np.log(factor / known))) if factor / known > 0.0 else np.inf
 
 
-def gears_of(log: RunLog) -> tuple[float, ...]:
+def gear_reductions(log: RunLog) -> tuple[float, ...]:
     """Reductions of the log's robot, those of a Go1 where it has none."""
     robot = claimed_model(log)
     own = sorted(set(np.round(robot.reduction, 4).tolist())) if isinstance(robot, Robot) else []

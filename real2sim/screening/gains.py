@@ -17,7 +17,7 @@ from saltus.arrays import Floats, Indices
 from saltus.real2sim.problem.log import gains_in_force, joint_rates, why_commands_unknown
 from saltus.real2sim.screening.angles import rate_slopes
 from saltus.real2sim.screening.causes import TorqueCauses, cause_faults, torque_causes
-from saltus.real2sim.screening.channel_scales import LogFault, gears_of, unit_fault
+from saltus.real2sim.screening.channel_scales import LogFault, gear_reductions, unit_fault
 from saltus.recordings.run_log import JointTable, RunLog
 
 DELAYS_S = np.linspace(0.0, 0.04, 41)
@@ -99,7 +99,7 @@ def gain_faults(log: RunLog) -> Iterator[LogFault]:
     if log.joints.tau_est is None or why_commands_unknown(log):
         return
     names, drives = log.meta["joints"], _regressions(log, log.joints.tau_est)
-    scaled = list(cause_faults(names, [drive.causes for drive in drives], gears_of(log)))
+    scaled = list(cause_faults(names, [drive.causes for drive in drives], gear_reductions(log)))
     yield from scaled or chain.from_iterable(map(_faults, names, drives))
 
 
@@ -125,7 +125,7 @@ def angle_scale_faults(log: RunLog) -> Iterator[LogFault]:
     if abs(factor / slope - 1.0) < min(RATE_TOLERANCE, abs(factor - 1.0)):
         than = "what dq and kp say"
         yield unit_fault(
-            "angle_unit", "q", "q and q_des of all joints", 1.0 / slope, than, gears_of(log)
+            "angle_unit", "q", "q and q_des of all joints", 1.0 / slope, than, gear_reductions(log)
         )
 
 

@@ -292,7 +292,7 @@ def _rates(log: RunLog) -> Iterator[LogFault]:
             f"dq of {where}",
             factor,
             "the rate of q",
-            channel_scales.gears_of(log),
+            channel_scales.gear_reductions(log),
         )
         yield replace(fault, name="wrong_rate")
     fast = np.nan_to_num(slopes) > TOO_FAST

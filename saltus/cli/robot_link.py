@@ -64,7 +64,7 @@ def need_dds() -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class PaceOptions:
-    """Flags of how time goes on with a simulated robot."""
+    """Flags that say whether a simulated robot runs in real time or in lockstep, and how fast."""
 
     pace: Pace = "realtime"
     """lockstep: the robot waits for each command, and the other side for each state."""

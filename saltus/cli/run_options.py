@@ -32,7 +32,7 @@ def _shown(size: str, otherwise: str = "") -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class SizedCourse(TerrainConfig):
-    """The terrain. A size that is given wins over the difficulty."""
+    """Flags that choose a terrain and its size. A size that is given wins over the difficulty."""
 
     difficulty: Annotated[
         float | None, _shown("difficulty", "none; 0.5 of a family of your own")

@@ -28,7 +28,7 @@ os.environ.setdefault(
 
 @dataclass(frozen=True, kw_only=True)
 class NetworkAccess:
-    """How a router lets others in than its owner on its own machine."""
+    """Where a router listens for programs of other computers or users, and which it lets in."""
 
     listen: str
     """Where, e.g. tls/192.168.123.10:7447."""
