@@ -20,8 +20,8 @@ from saltus.straight_line import straight_line
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Observation:
-    """What a planner is told of robots, in their yaw frame; all arrays share their leading batch
-    dimensions.
+    """Everything that a planner knows of robots, in their yaw frame; all arrays share their leading
+    batch dimensions.
     """
 
     roll: Array
