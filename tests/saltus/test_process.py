@@ -102,6 +102,7 @@ def test_a_process_that_stood_still_itself_looks_for_its_router_again(
 def test_a_process_stops_when_its_parent_is_gone(
     clock: FakeTime, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(os, "getppid", lambda: 4711)
     subject, _ = context(MemoryBus("robot/0"))
     monkeypatch.setattr(os, "getppid", lambda: 1)
     subject.ready()
