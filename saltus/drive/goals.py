@@ -19,9 +19,9 @@ ON_THE_SPOT_RAD = math.radians(60.0)
 SLOWING = 1.0
 """Speed by distance from the last goal [1/s]: it arrives slowly."""
 SLOWEST_MPS = 0.3
-STUCK_S, STUCK_M = 2.0, 0.1
-"""A robot that is to walk and does not get so far in this time stands before something: at the
-slowest speed it would have gone five times as far."""
+STUCK_S, STUCK_M, STUCK_SHARE = 2.0, 0.1, 0.25
+"""A robot that is to walk and does not get so far in this time stands before something; one that is
+to walk slowly, not even this share of its way."""
 BACK_MPS, BACK_S = -0.3, 1.0
 """Then it walks back for so long, and comes to it by other steps."""
 TURN_RPS = 0.8
@@ -88,8 +88,8 @@ class Goals:
     def _is_stuck(self, place: Floats, time_s: float, *, goes: bool) -> bool:
         if time_s < self._back_until_s:
             return True
-        last = self._last_moved
-        if last is None or not goes or math.hypot(*(place - last[1])) > STUCK_M:
+        last, far_m = self._last_moved, min(STUCK_M, STUCK_SHARE * self._speed * STUCK_S)
+        if last is None or not goes or math.hypot(*(place - last[1])) > far_m:
             self._last_moved = time_s, np.array(place)
         elif time_s - last[0] > STUCK_S:
             self._last_moved, self._back_until_s = None, time_s + BACK_S
