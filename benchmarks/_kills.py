@@ -35,11 +35,10 @@ ON_FLAT_GROUND = RunConfig(
 )
 """A run in real time without a course to learn, for what is done to its processes."""
 RUN_TIMEOUT_S = 20.0
-BACK_S, LANDED_S = 10.0, 2.0
+BACK_S, LANDED_S = 2.0, 2.0
 """Waited for after the kill, at most: the process is ready again.
 
-The robot has landed (1.1 s), or goes on. A process needs 0.1 s where a spare stands by, else about
-2 s of the machine's time to load its libraries, and more on a busy computer.
+The robot has landed (1.1 s), or goes on.
 """
 STANDING_S = (
     1.0  # watched after both: a process that is back tells a robot to go within a few steps

@@ -15,7 +15,7 @@ from saltus.depth import Intrinsics
 from saltus.terrain.columns import Columns
 
 ABOVE_M = 0.01
-"""A camera that is nearer to the ground, or to the course's sides, may be within it by rounding."""
+"""A camera that is nearer to ground, walls or the course's sides may be within them by rounding."""
 LEAST_M = 1e-9
 """Least distance along the course from an end: one that is nearer is taken for straight below."""
 
@@ -82,8 +82,8 @@ class SeenColumns:
         x, y, z = origin.T
         columns = self._columns
         over = (x > columns.x[0]) & (x < columns.x[-1]) & (abs(y) < self._half_width - ABOVE_M)
-        for side in ("left", "right"):  # of a wall, where it is right above one
-            column = np.searchsorted(columns.x, x, side) - 1
+        for beside in (-ABOVE_M, 0.0, ABOVE_M):  # a wall that is as near
+            column = np.searchsorted(columns.x, x + beside) - 1
             over &= z > columns.top.take(column, mode="clip") + ABOVE_M
         corners = rotation @ self._corners
         ahead, up = corners[:, 0], corners[:, 2]

@@ -39,8 +39,8 @@ def read_unitree(path: Path, left_out: Sequence[str] = ()) -> tuple[RunLog, list
     """Reads states and commands.
 
     Times are those of the robot's own clock. A command is in force from the last state on that was
-    recorded before it: a delay of the robot is then never less than nothing. The torque that a state
-    tells is that of the command before, and stands beside that one.
+    recorded before it: a delay of the robot is then never less than nothing. The torque that a
+    state tells is that of the command before, and stands beside that one.
 
     Args:
         path: File or folder of a bag.

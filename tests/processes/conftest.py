@@ -32,9 +32,9 @@ STEPS = (*TRIED, 0.4, 0.3, 0.25, 0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What asks for a speed has limits in real time, and comes alone.
+    """Tests that ask for a speed have limits in real time, and come alone.
 
-    Where it fails it comes once more, at half the speed: the computer may have become busier since
+    One that fails comes once more, at half the speed: the computer may have become busier since
     its speed was measured, and what is wrong with Saltus fails again.
     """
     for item in items:

@@ -46,7 +46,7 @@ def test_a_spare_camera_takes_over_or_the_robot_stands(speed: float, tmp_path: P
     assert result.stale == 0
     result = judge(kill_during_run(config, both, "render", 0.7, times=2), "render", 0.7)
     assert result.told_ms <= 110.0
-    assert np.isfinite(result.back_s)
+    assert result.back_s <= 2.0
     assert result.end == "stands"
     assert result.stale == 0
 
@@ -59,7 +59,7 @@ def test_a_killed_process_is_noticed_and_the_robot_stands(
     recording = kill_during_run(replace(ON_FLAT_GROUND, speed=speed), tmp_path, process, after_s)
     result = judge(recording, process, after_s)
     assert result.told_ms <= 110.0
-    assert np.isfinite(result.back_s)
+    assert result.back_s <= 2.0
     assert result.end == "stands"
     assert result.stale == 0
     incomplete = Incomplete(recording, process)

@@ -14,7 +14,8 @@ TOPICS = {COMMANDS: "/lowcmd", STATES: "/lowstate"}
 """ROS 2's names of the topics: without the `rt` that it puts before all."""
 WAIT_S = 0.1
 SEEN_NS = 5 * 10**9
-"""How far back the way of a message is compared: two clocks drift apart by 0.1 ms meanwhile."""
+"""How far back the way of a message is compared: two clocks of quartz (20 ppm) drift apart by 0.1
+ms meanwhile."""
 
 
 def new_log(path: Path) -> CdrLog:

@@ -97,6 +97,8 @@ def test_a_log_holds_each_state_and_the_command_that_acted_on_it(
     joints, states = log.joints, LOW_STATE.read(recorded.states)
     np.testing.assert_allclose(joints.time_s, PHYSICS_DT * np.arange(ROWS), atol=1e-9)
     np.testing.assert_allclose(joints.q, states["motor_state"]["q"][:, :12])
+    torques = states["motor_state"]["tau_est"][:, :12]
+    np.testing.assert_allclose(joints.tau_est[:-1], torques[1:])  # told by the state after
     names = {"q_des": "position", "dq_des": "velocity", "tau_ff": "torque", "kp": "kp", "kd": "kd"}
     for name, own in names.items():
         sent = np.array([getattr(command, own) for command in recorded.commands])
