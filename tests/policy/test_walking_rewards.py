@@ -136,3 +136,20 @@ def test_errors_are_averaged_over_a_stride_and_not_counted_after_a_change():
     assert (ahead, aside, turn) == (pytest.approx(0.2, abs=0.05), 0.0, pytest.approx(0.1))
     fresh[::10] = True
     assert np.isnan(tracking_errors(error, fresh, stride=STRIDE, settling=SETTLING)).all()
+
+
+def test_a_robot_that_stands_where_it_is_to_walk_loses_most_of_what_walking_earns():
+    """Share of the reward for tracking that is left, by the commanded speed."""
+    speed = np.linspace(0.3, 1.2, 10)
+    given = inputs(len(speed))
+    command = np.stack([speed, 0.0 * speed, 0.0 * speed], -1)
+    standing = replace(given, command=command, velocity=0.0 * command)
+    walking = replace(given, command=command, velocity=command)
+    column = TERMS.index("linear_velocity")
+    left, whole = (
+        walk_reward_terms(WalkRewardSettings(), case)[:, column] for case in (standing, walking)
+    )
+    share = left / whole
+    assert (np.diff(share) <= 0.0).all()
+    assert share[0] < 0.45
+    assert (share[speed >= 0.5] < 0.15).all()
