@@ -15,7 +15,7 @@ from saltus.heightmap.scan.training.rasters import (
 )
 from saltus.heightmap.scan.training.seeded_random import SeededRandom
 
-DEEP = ("stones", "stones_line", "ditches")
+DEEP = ("stones", "stones_line", "ditches", "stones_dense")
 """Families whose trenches no base sinks into."""
 
 
@@ -85,8 +85,36 @@ def _ramps(place: PatchPlaces, draws: SeededRandom) -> Tensor:
 
 def _stones(place: PatchPlaces, draws: SeededRandom) -> Tensor:
     """Stones of a grid over a trench: moved, turned sizes, some missing."""
-    pitch = draws.uniform(0.25, 0.9, place.n)[:, None, None]
-    share = draws.uniform(0.5, 0.95, place.n)[:, None]
+    pitch = draws.uniform(0.25, 0.9, place.n)
+    share = draws.uniform(0.5, 0.95, place.n)
+    return _stones_of(place, draws, pitch=pitch, share=share, there=0.9)
+
+
+def _stones_dense(place: PatchPlaces, draws: SeededRandom) -> Tensor:
+    """Stones of a grid without missing ones, with narrow gaps or none; half of them begin behind
+    level ground.
+    """
+    pitch = draws.uniform(0.35, 0.7, place.n)
+    share = draws.uniform(0.8, 1.1, place.n)
+    stones = _stones_of(place, draws, pitch=pitch, share=share, there=1.0)
+    begins = draws.uniform(-1.5, 1.5, place.n)[:, None, None]
+    level = draws.chance(0.5, place.n)[:, None, None] & (place.u < begins)
+    return torch.where(level, 0.0, stones)
+
+
+def _stones_of(
+    place: PatchPlaces, draws: SeededRandom, *, pitch: Tensor, share: Tensor, there: float
+) -> Tensor:
+    """Stones of a grid over a trench.
+
+    Args:
+        place: Of the patches.
+        draws: Of sizes, places and heights of the stones.
+        pitch: Side of a cell [m], shape (patches,).
+        share: Side of the largest stone, by that of its cell, shape (patches,).
+        there: Share of the cells that have a stone.
+    """
+    pitch, share = pitch[:, None, None], share[:, None]
     count = 32
     i, j = ((c / pitch).floor() for c in (place.u, place.v))
     cell = ((i.long() % count) * count + j.long() % count).flatten(1)
@@ -102,7 +130,7 @@ def _stones(place: PatchPlaces, draws: SeededRandom) -> Tensor:
 
     a, b = place.u / pitch - i - middle(), place.v / pitch - j - middle()
     sizes = [draws.uniform(0.0, 1.0, place.n, count**2) for _ in range(2)]
-    stands = by_stone(draws.chance(0.9, place.n, count**2).float()) > 0.5
+    stands = by_stone(draws.chance(there, place.n, count**2).float()) > 0.5
     inside = (a.abs() < half(sizes[0])) & (b.abs() < half(sizes[1])) & stands
     spread = draws.uniform(0.0, 0.08, place.n)[:, None]
     top = by_stone(draws.uniform(-1.0, 1.0, place.n, count**2) * spread)
@@ -192,5 +220,6 @@ KINDS: dict[str, Callable[[PatchPlaces, SeededRandom], Tensor]] = {
     "ramps": _ramps, "stones": _stones, "stones_line": _stones_line, "ditches": _ditches,
     "hurdles": _hurdles,
     "walls": _walls, "clutter": _clutter, "rough": _rough, "hills": _hills,
+    "stones_dense": _stones_dense,
 }  # fmt: skip
 """The law of each family."""

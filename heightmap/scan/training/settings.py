@@ -6,11 +6,13 @@ from saltus.config import TomlValue, check_between
 from saltus.errors import ConfigError, nearest_hint
 from saltus.heightmap.scan.settings import MapSettings
 
-FAMILIES = (
+EVALUATED = (
     "flat", "rubble", "blocks", "strips", "stairs", "pyramid", "ramps", "stones", "stones_line",
     "ditches", "hurdles",
     "walls", "clutter", "rough", "hills",
 )  # fmt: skip
+"""Kinds of ground of the evaluation's rows; those of others are named by their ground."""
+FAMILIES = (*EVALUATED, "stones_dense")
 """Kinds of ground."""
 GAITS = ("walk", "trot", "bound", "hand")
 """Kinds of motion."""
