@@ -28,6 +28,9 @@ ObservationPartName = Literal[
     "action",
     "heights",
 ]
+LEAST_COMMAND = 0.1
+"""Length of a commanded velocity, m/s and rad/s alike, below which a robot need not step;
+legged_gym's."""
 _VECTORS = ("linear_velocity", "angular_velocity", "gravity", "command")
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats, smooth_step
+from saltus.policy.joints.description import LEAST_COMMAND
 from saltus.policy.joints.footing import Footing, is_slow
 from saltus.policy.joints.observation import (
     ObservationMaker,
@@ -31,6 +32,15 @@ ground."""
 UNDER_WAY = (ControllerMode.WALK, ControllerMode.COAST)
 """Modes in which the policy goes on: of a Go1 at 1.2 m/s whose plans were missing for 60 ms none of
 8 fell, and 7 when it began anew."""
+STILL_NS, STIRRED_NS = 500_000_000, 1_000_000_000
+"""Time after which a robot is stirred that is to move and whose joints rest, and for how long."""
+RESTING_RPS = 0.3
+"""Velocity that no joint of a robot at rest exceeds [rad/s]; a walking one's knees turn at 2 to
+10."""
+STIR = 0.2
+"""Standard deviation of what is added to the actions of a robot that is stirred: with which the
+trainings of the shipped policies end (their cards). A policy that stands still before a step goes on
+standing, as it sees the same for good; in training its exploration ends that."""
 ON_TIME = 0.75
 """Share of the policy's period after which it is asked again: states may be dated a bit early."""
 
@@ -109,6 +119,8 @@ class Walker:
         self._action = np.zeros(len(JOINTS))
         self._past: Floats | None = None
         self._begun_ns, self._acted_ns = state.time_ns, -1
+        self._still_ns: int | None = None
+        self._stirs = np.random.default_rng(0)
         self._stopping_ns = self._footing = None
 
     def _move(self, state: RobotState, heights: Floats, velocity: PlanarVelocity) -> None:
@@ -126,9 +138,22 @@ class Walker:
     def _act(self, state: RobotState, heights: Floats, velocity: PlanarVelocity) -> None:
         vector = self._observer.vector(self._sensed(state, heights, velocity))
         self._action = self._policy(self._with_history(vector)[None])[0].astype(np.float64)
+        if self._is_stirred(state, velocity):
+            stirs = self._stirs.normal(0.0, STIR, len(JOINTS))
+            self._action = self._action + stirs[self._described.order]
         ours = np.zeros(len(JOINTS))
         ours[self._described.order] = self._action
         self._targets = joint_targets(self._pose, self._scale, ours)
+
+    def _is_stirred(self, state: RobotState, velocity: PlanarVelocity) -> bool:
+        """True for a while after its joints rested although it is to move."""
+        rested_ns = 0 if self._still_ns is None else state.time_ns - self._still_ns
+        is_asked = np.linalg.norm(velocity) > LEAST_COMMAND
+        rests = np.abs(state.joint_velocity).max() < RESTING_RPS
+        is_stirred = is_asked and STILL_NS <= rested_ns < STILL_NS + STIRRED_NS
+        if not (is_stirred or (is_asked and rests and 0 < rested_ns < STILL_NS)):
+            self._still_ns = state.time_ns
+        return bool(is_stirred)
 
     def _sensed(
         self, state: RobotState, heights: Floats, velocity: PlanarVelocity

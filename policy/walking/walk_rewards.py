@@ -3,6 +3,7 @@
 from dataclasses import dataclass, fields
 
 from saltus.arrays import Array, Joints, Places, Scalars, namespace
+from saltus.policy.joints.description import LEAST_COMMAND
 from saltus.policy.walking.description import POLICY_HZ
 from saltus.policy.walking.settings import WalkRewardSettings
 
@@ -10,7 +11,6 @@ TERMS = tuple(f.name for f in fields(WalkRewardSettings))
 SHARPNESS = 0.25  # (m/s)^2 or (rad/s)^2: squared error at which tracking earns 1/e; legged_gym's
 SLOW = 0.4, 1.0  # m/s: between these the tolerance of the velocity grows with what is asked for
 AIR_TIME_S = 0.5  # a step that lasts longer earns, a shorter one costs; legged_gym's
-LEAST_COMMAND = 0.1  # m/s or rad/s; who is asked for less need not step; legged_gym's
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -12,7 +12,14 @@ from walking_policies import OURS, bearing, put_policy
 from saltus.errors import ModelError
 from saltus.policy.joints.footing import BEARS_NS, LONGEST_NS
 from saltus.policy.joints.policy import JointPolicy
-from saltus.policy.joints.walker import RISE_NS, STOP_NS, Walker
+from saltus.policy.joints.walker import (
+    RESTING_RPS,
+    RISE_NS,
+    STILL_NS,
+    STIRRED_NS,
+    STOP_NS,
+    Walker,
+)
 from saltus.policy.mover import AT_REST, PlannerDecision
 from saltus.policy.walking.description import SIZE
 from saltus.policy.walking.settings import GroundSettings, WalkSettings, WalkTrainSettings
@@ -107,6 +114,51 @@ def test_it_gets_up_to_its_pose_and_holds_still_until_the_controller_follows(
     assert not policy.given
     np.testing.assert_array_equal(plan.kp, OURS.kp)
     np.testing.assert_array_equal(plan.kd, OURS.kd)
+
+
+@pytest.mark.parametrize(
+    ("velocity", "turning", "is_stirred"),
+    [
+        (AHEAD, 0.9 * RESTING_RPS, True),
+        (AHEAD, 1.1 * RESTING_RPS, False),
+        ((0.05, 0.0, 0.0), 0.0, False),
+        ((0.0, 0.0, 0.5), 0.0, True),
+    ],
+)
+def test_only_a_robot_that_rests_although_it_is_to_move_is_stirred(
+    policy: Noted, velocity: tuple[float, float, float], turning: float, is_stirred: bool
+) -> None:
+    walker, twin = Walker(ROBOT, policy), Walker(ROBOT, policy)
+    first, joints = risen(walker, velocity), np.full(12, turning)
+    risen(twin, velocity)
+    targets = []
+    for step in range(first, first + 4 * (STILL_NS + STIRRED_NS) // STEP_NS):
+        given = PlannerDecision(
+            state=state(step, joint_velocity=joints), heights=LEVEL, velocity=velocity
+        )
+        plans = [each.plan(given).joint_position for each in (walker, twin)]
+        np.testing.assert_array_equal(*plans)  # of equal robots, all draws are equal
+        targets.append(plans[0])
+    changed = np.abs(np.diff(targets, axis=0)).max(-1) > 1e-3
+    still = STILL_NS // STEP_NS - 3  # the policy acted first before these steps
+    assert not changed[:still].any()
+    assert changed[still:].any() == is_stirred
+    if is_stirred:  # again and again, with rests between
+        period = (STILL_NS + STIRRED_NS) // STEP_NS
+        shares = [changed[k * period : (k + 1) * period].mean() for k in range(4)]
+        assert 0.2 < min(shares) < max(shares) < 0.5
+
+
+def test_a_robot_that_is_stirred_stops_at_once(policy: Noted) -> None:
+    walker = Walker(ROBOT, policy)
+    first = risen(walker)
+    stirred = first + (STILL_NS + STIRRED_NS // 2) // STEP_NS
+    for step in range(first, stirred + 50):
+        velocity = AHEAD if step < stirred else AT_REST
+        plan = walker.plan(PlannerDecision(state=state(step), heights=LEVEL, velocity=velocity))
+        if step == stirred + 1:
+            stands = plan.joint_position
+    np.testing.assert_allclose(plan.joint_position, stands, atol=1e-6)
 
 
 @pytest.mark.parametrize(("every", "asked"), [(1, 50), (2, 50), (3, 34)])
