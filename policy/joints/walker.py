@@ -35,8 +35,7 @@ UNDER_WAY = (ControllerMode.WALK, ControllerMode.COAST)
 STILL_NS, STIRRED_NS = 500_000_000, 1_000_000_000
 """Time after which a robot is stirred that is to move and whose joints rest, and for how long."""
 RESTING_RPS = 0.3
-"""Velocity that no joint of a robot at rest exceeds [rad/s]; a walking one's knees turn at 2 to
-10."""
+"""Velocity that no joint of a robot at rest exceeds [rad/s]."""
 STIR = 0.2
 """Standard deviation of what is added to the actions of a robot that is stirred: with which the
 trainings of the shipped policies end (their cards). A policy that stands still before a step goes on

@@ -9,7 +9,7 @@ from saltus.policy.walking.settings import WalkRewardSettings
 
 TERMS = tuple(f.name for f in fields(WalkRewardSettings))
 SHARPNESS = 0.25  # (m/s)^2 or (rad/s)^2: squared error at which tracking earns 1/e; legged_gym's
-SLOW = 0.4, 1.0  # m/s: between these the tolerance of the velocity grows with what is asked for
+SLOW = 0.4, 1.0  # m/s: commands between which the tolerance of the velocity grows; ours
 AIR_TIME_S = 0.5  # a step that lasts longer earns, a shorter one costs; legged_gym's
 
 

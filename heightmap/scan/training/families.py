@@ -108,8 +108,8 @@ def _stones_of(
     """Stones of a grid over a trench.
 
     Args:
-        place: Of the patches.
-        draws: Of sizes, places and heights of the stones.
+        place: Where the cells of the patches are.
+        draws: Give the sizes, places and heights of the stones.
         pitch: Side of a cell [m], shape (patches,).
         share: Side of the largest stone, by that of its cell, shape (patches,).
         there: Share of the cells that have a stone.

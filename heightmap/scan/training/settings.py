@@ -11,7 +11,7 @@ EVALUATED = (
     "ditches", "hurdles",
     "walls", "clutter", "rough", "hills",
 )  # fmt: skip
-"""Kinds of ground of the evaluation's rows; those of others are named by their ground."""
+"""Kinds of ground of the evaluation; dense stones have a row of their own."""
 FAMILIES = (*EVALUATED, "stones_dense")
 """Kinds of ground."""
 GAITS = ("walk", "trot", "bound", "hand")
