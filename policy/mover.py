@@ -14,7 +14,14 @@ from saltus.loop.shadows import deepen_shadows
 from saltus.plan import REST, plan_message
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
-from saltus.wire.messages import AnyPlan, CommandMode, MotionPlan, PlanStatus, RobotState
+from saltus.wire.messages import (
+    AnyPlan,
+    CommandMode,
+    ControllerMode,
+    MotionPlan,
+    PlanStatus,
+    RobotState,
+)
 
 PlanarVelocity = tuple[float, float, float]
 """Ahead, to the left [m/s], turning to the left [rad/s]."""
@@ -25,6 +32,7 @@ m aside."""
 HOLE_M = 0.3
 """Ground so much lower beside the way is a hole: stairs that robots jump have 0.25 m a step."""
 
+REAR_LEGS = slice(2, 4)
 MOST_TURN_RPS = 0.5
 """Fastest turning of a robot that jumps: trials of led jumps turn as fast. A faster one was not
 tried."""
@@ -60,6 +68,10 @@ class Mover(Protocol):
 
     def slows(self, state: RobotState) -> bool:
         """True while a robot that is to rest is better led to a stand by GO at no velocity."""
+        ...
+
+    def hands_over(self, state: RobotState) -> bool:
+        """Gives up a robot in motion where a mover that walks can catch it; True then."""
         ...
 
 
@@ -105,6 +117,12 @@ class Jumper:
         """Never: the controller lands it."""
         del state
         return False
+
+    def hands_over(self, state: RobotState) -> bool:
+        """True while both rear feet surely stand; see `Mover.hands_over`."""
+        caught = state.mode == ControllerMode.RUN and bool(state.leg_trusted[REAR_LEGS].all())
+        self._goes = self._goes and not caught
+        return caught
 
 
 class FeetLines:

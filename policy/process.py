@@ -26,6 +26,10 @@ LOST_NS = round(1e9 * TOPICS["heightmap/heightmap"].invalid_age_s) - 10_000_000
 """Without a heightmap for this long the planner is blind. One policy step less than the greatest
 age of a heightmap: the planner looks every 10 ms, and must report it within 110 ms of the last
 arrival."""
+NEAR_X_M, NEAR_Y_M, UNEVEN_M = (-0.4, 1.0), 0.2, 0.1
+"""Ground on which a robot that jumps comes to rest: under it, and as far ahead as it may take to
+stop. Where heights of it differ by so much [m], the landing, which does not see, is left to a mover
+that walks, if there is one: half of the stairs' steps on which landings fall."""
 ROUNDING_M = 1e-6
 """Rounding of points that went through text."""
 _COMMANDS = TOPICS["operator/command"]
@@ -47,15 +51,18 @@ class PlannerProcess:
     that are degraded, on which a mover that walks begins, too. After the first command of an
     operator it goes only while the newest one says what one of the movers does (JUMP or WALK) and
     is not older than 0.5 s; else it stands, or lies down. From one mover to another it changes
-    while the robot stands, and makes it stand for that. The first mover begins; one that walks
-    waits for a command. STOP, which is final, when heightmaps end, are invalid, or come from a
-    hidden state that was reset; but STAND while the robot has not moved yet, as on a computer that
-    is still busy with starting. A mover that walks comes to a stand then, on the last heights, and
-    goes on when they can be trusted again.
+    while the robot stands, and makes it stand for that; but a robot that jumps over uneven ground is
+    caught by the mover that walks, if there is one, as soon as the other hands it over. The first
+    mover begins; one that walks waits for a command. STOP, which is final, when heightmaps end, are
+    invalid, or come from a hidden state that was reset; but STAND while the robot has not moved
+    yet, as on a computer that is still busy with starting. A mover that walks comes to a stand
+    then, on the last heights, and goes on when they can be trusted again.
     """
 
     def __init__(self, grid: HeightGrid, *movers: Mover) -> None:
         self._x, self._y, self._told_of_grid = np.array(grid.x), np.array(grid.y), False
+        x, y = grid.points.T
+        self._near = (x >= NEAR_X_M[0]) & (x <= NEAR_X_M[1]) & (np.abs(y) <= NEAR_Y_M)
         self._movers = {mover.follows: mover for mover in movers}
         self._mover, self._velocity = movers[0], AT_REST
         self._status = PlanStatus.STAND
@@ -134,8 +141,23 @@ class PlannerProcess:
         return mode == self._mover.follows
 
     def _rest(self, state: RobotState, status: PlanStatus, reason: str) -> None:
-        if self._status != PlanStatus.GO or not self._mover.slows(state):
+        moves = self._status == PlanStatus.GO
+        if not (moves and (self._awaits_catch(state) or self._mover.slows(state))):
             self._status, self._reason = status, reason
+
+    def _awaits_catch(self, state: RobotState) -> bool:
+        """True while a robot that jumps over uneven ground is yet to be caught by the mover that
+        walks.
+        """
+        walker = self._movers.get(CommandMode.WALK)
+        runs = state.mode in (ControllerMode.RUN, ControllerMode.COAST)
+        if walker is None or walker is self._mover or not runs or self._heightmap is None:
+            return False
+        if np.ptp(np.asarray(self._heightmap.height)[self._near]) < UNEVEN_M:
+            return False
+        if self._mover.hands_over(state):
+            self._mover = walker
+        return self._mover is not walker
 
     def _consider_going(self, state: RobotState, now_ns: int) -> None:
         self._status = PlanStatus.STAND

@@ -39,12 +39,15 @@ def state(step: int, mode: ControllerMode = ControllerMode.RUN) -> RobotState:
     return replace(STATE, step=step, time_ns=step * STEP_NS, mode=mode)
 
 
-def heightmap(step: int, status: HeightmapStatus = HeightmapStatus.OK) -> Heightmap:
+def heightmap(
+    step: int, status: HeightmapStatus = HeightmapStatus.OK, rise: float = 0.0
+) -> Heightmap:
+    """Of level ground, or with a step up at 0.3 m."""
     return Heightmap(
         time_ns=step * STEP_NS,
         step=step,
         x=HEIGHTMAP_X,
-        height=np.full(30, -0.27),
+        height=np.where(HEIGHTMAP_X > 0.3, rise, 0.0) - 0.27,
         half_width_90=np.full(30, 0.01),
         status=status,
         depth_age_s=0.06,
@@ -132,14 +135,28 @@ class Walking(Jumper):
 
     def __init__(self, *, slows: bool) -> None:
         super().__init__(ROBOT, ScriptedPlanner(ROBOT, LINE), lambda _: OBSERVED)
-        self._slow, self.asked = slows, AT_REST
+        self.slow, self.asked = slows, AT_REST
 
     def plan(self, decision: PlannerDecision) -> MotionPlan:
         self.asked = decision.velocity
         return super().plan(decision)
 
     def slows(self, _state: RobotState) -> bool:
-        return self._slow
+        return self.slow
+
+
+class Catching(Walking):
+    """Notes at which steps it had the robot."""
+
+    follows = CommandMode.WALK
+
+    def __init__(self) -> None:
+        super().__init__(slows=True)
+        self.took: list[int] = []
+
+    def plan(self, decision: PlannerDecision) -> MotionPlan:
+        self.took.append(decision.state.step)
+        return super().plan(decision)
 
 
 @pytest.mark.parametrize("slows", [True, False])
@@ -327,6 +344,58 @@ def test_no_command_starts_a_robot_that_was_stopped(mode: CommandMode) -> None:
         state(first + 1), heightmap(first + 1), (first + 1) * STEP_NS, command(mode, first + 1)
     )
     assert plan.status == PlanStatus.STOP
+
+
+@pytest.mark.parametrize("mode", [None, *(m for m in CommandMode if m != CommandMode.JUMP)])
+@pytest.mark.parametrize("waits", [0, 1, 30])
+@pytest.mark.parametrize("rise", [0.15, -0.25])
+def test_a_robot_that_jumps_on_stairs_is_caught_when_both_rear_feet_stand(
+    mode: CommandMode | None, waits: int, rise: float
+) -> None:
+    """Whatever ends its jumps, the end of commands (None) too; then it obeys, and may jump anew."""
+    planner, walking = Recalling(), Catching()
+    process = PlannerProcess(LINE, Jumper(ROBOT, planner, lambda _: OBSERVED), walking)
+    begin, still = STAND_NS // STEP_NS + 1, 0 if mode is not None else 51
+
+    def told(step: int, said: CommandMode | None, legs: int, mode: ControllerMode) -> PlanStatus:
+        trusted = np.arange(4) >= 4 - legs  # the rear ones are the last two
+        here = replace(state(step, mode), leg_trusted=trusted)
+        wish = None if said is None else command(said, step)
+        return process.step(here, heightmap(step, rise=rise), step * STEP_NS, wish).status
+
+    for step in range(begin + 1):
+        run_mode = ControllerMode.STAND if step < begin else ControllerMode.RUN
+        told(step, CommandMode.JUMP, 0, run_mode)
+    step = begin + still + waits
+    for early in range(begin + 1, step + 1):
+        assert told(early, mode, 1, ControllerMode.RUN) == PlanStatus.GO
+    assert not walking.took
+    assert told(step + 1, mode, 2, ControllerMode.RUN) == PlanStatus.GO
+    assert told(step + 2, mode, 0, ControllerMode.WALK) == PlanStatus.GO
+    assert walking.took == [step + 1, step + 2]
+    walking.slow = False
+    lies, walks = mode == CommandMode.LIE_DOWN, mode == CommandMode.WALK
+    rests = PlanStatus.LIE if lies else PlanStatus.GO if walks else PlanStatus.STAND
+    assert told(step + 3, mode, 0, ControllerMode.WALK) == rests
+    told(step + 4, CommandMode.JUMP, 4, ControllerMode.STAND)
+    told(step + 5, CommandMode.JUMP, 4, ControllerMode.STAND)
+    begun = [at for at, fresh in enumerate(planner.begun) if fresh]
+    assert len(begun) == 2
+    assert len(walking.took) == 3
+
+
+@pytest.mark.parametrize("rise", [0.0, 0.09, -0.09])
+def test_a_robot_that_jumps_over_level_ground_lands(rise: float) -> None:
+    walking = Catching()
+    process, steps = PlannerProcess(LINE, jumper(), walking), STAND_NS // STEP_NS + 2
+    for step in range(steps + 1):
+        said = command(CommandMode.STAND if step == steps else CommandMode.JUMP, step)
+        seen = heightmap(step, rise=rise)
+        plan = process.step(
+            replace(state(step), leg_trusted=np.ones(4, bool)), seen, step * STEP_NS, said
+        )
+    assert plan.status == PlanStatus.STAND
+    assert not walking.took
 
 
 def test_a_command_from_the_future_moves_nobody() -> None:

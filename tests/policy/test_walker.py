@@ -13,6 +13,8 @@ from saltus.errors import ModelError
 from saltus.policy.joints.footing import BEARS_NS, LONGEST_NS
 from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.joints.walker import (
+    BRAKING,
+    CAUGHT_MPS,
     RESTING_RPS,
     RISE_NS,
     STILL_NS,
@@ -20,7 +22,7 @@ from saltus.policy.joints.walker import (
     STOP_NS,
     Walker,
 )
-from saltus.policy.mover import AT_REST, PlannerDecision
+from saltus.policy.mover import AT_REST, PlanarVelocity, PlannerDecision
 from saltus.policy.walking.description import SIZE
 from saltus.policy.walking.settings import GroundSettings, WalkSettings, WalkTrainSettings
 from saltus.policy.walking.train import make_walk_engine
@@ -194,6 +196,28 @@ def test_commands_beyond_what_was_trained_are_cut_off(policy: Noted) -> None:
         walker.plan(PlannerDecision(state=state(step + 2), heights=LEVEL, velocity=velocity))
         end = OURS.command_high if velocity[0] > 0.0 else OURS.command_low
         np.testing.assert_allclose(policy.given[-1][6:9], end, atol=1e-6)
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.5, 1.4, 3.0])
+@pytest.mark.parametrize("velocity", [AT_REST, AHEAD])
+def test_a_robot_that_jumps_is_caught_at_once_and_braked(
+    policy: Noted, speed: float, velocity: PlanarVelocity
+) -> None:
+    """Asked for its own speed first, as far as it can walk so fast, and soon for what is told."""
+    walker, first = Walker(ROBOT, policy), 100
+    policy.given.clear()
+    for step in range(first, first + 60):
+        mode = ControllerMode.RUN if step == first else ControllerMode.WALK
+        here = state(step, mode, velocity_base_in_world=np.array([speed, 0.0, 0.2]))
+        walker.plan(PlannerDecision(state=here, heights=LEVEL, velocity=velocity))
+        assert walker.slows(here) or step > first
+    ahead, aside = (np.array([vector[at] for vector in policy.given]) for at in (6, 7))
+    assert ahead[0] == pytest.approx(max(min(speed, CAUGHT_MPS), velocity[0]))
+    assert np.all(np.diff(ahead) <= 0.0)
+    seconds = np.arange(len(ahead)) * 0.02
+    late = seconds > CAUGHT_MPS / BRAKING
+    np.testing.assert_allclose(ahead[late], velocity[0], atol=1e-6)
+    np.testing.assert_allclose(aside, velocity[1], atol=1e-6)
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.1, 0.3, 2.0])
