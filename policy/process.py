@@ -51,12 +51,12 @@ class PlannerProcess:
     that are degraded, on which a mover that walks begins, too. After the first command of an
     operator it goes only while the newest one says what one of the movers does (JUMP or WALK) and
     is not older than 0.5 s; else it stands, or lies down. From one mover to another it changes
-    while the robot stands, and makes it stand for that; but a robot that jumps over uneven ground is
-    caught by the mover that walks, if there is one, as soon as the other hands it over. The first
-    mover begins; one that walks waits for a command. STOP, which is final, when heightmaps end, are
-    invalid, or come from a hidden state that was reset; but STAND while the robot has not moved
-    yet, as on a computer that is still busy with starting. A mover that walks comes to a stand
-    then, on the last heights, and goes on when they can be trusted again.
+    while the robot stands, and makes it stand for that; but a robot that jumps over uneven ground
+    is caught by the mover that walks, if there is one, as soon as the other hands it over. The
+    first mover begins; one that walks waits for a command. STOP, which is final, when heightmaps
+    end, are invalid, or come from a hidden state that was reset; but STAND while the robot has not
+    moved yet, as on a computer that is still busy with starting. A mover that walks comes to a
+    stand then, on the last heights, and goes on when they can be trusted again.
     """
 
     def __init__(self, grid: HeightGrid, *movers: Mover) -> None:

@@ -364,8 +364,7 @@ def test_a_robot_that_jumps_on_stairs_is_caught_when_both_rear_feet_stand(
         return process.step(here, heightmap(step, rise=rise), step * STEP_NS, wish).status
 
     for step in range(begin + 1):
-        run_mode = ControllerMode.STAND if step < begin else ControllerMode.RUN
-        told(step, CommandMode.JUMP, 0, run_mode)
+        told(step, CommandMode.JUMP, 0, (ControllerMode.STAND, ControllerMode.RUN)[step >= begin])
     step = begin + still + waits
     for early in range(begin + 1, step + 1):
         assert told(early, mode, 1, ControllerMode.RUN) == PlanStatus.GO
@@ -374,13 +373,11 @@ def test_a_robot_that_jumps_on_stairs_is_caught_when_both_rear_feet_stand(
     assert told(step + 2, mode, 0, ControllerMode.WALK) == PlanStatus.GO
     assert walking.took == [step + 1, step + 2]
     walking.slow = False
-    lies, walks = mode == CommandMode.LIE_DOWN, mode == CommandMode.WALK
-    rests = PlanStatus.LIE if lies else PlanStatus.GO if walks else PlanStatus.STAND
-    assert told(step + 3, mode, 0, ControllerMode.WALK) == rests
+    obeys = {CommandMode.LIE_DOWN: PlanStatus.LIE, CommandMode.WALK: PlanStatus.GO}
+    assert told(step + 3, mode, 0, ControllerMode.WALK) == obeys.get(mode, PlanStatus.STAND)
     told(step + 4, CommandMode.JUMP, 4, ControllerMode.STAND)
     told(step + 5, CommandMode.JUMP, 4, ControllerMode.STAND)
-    begun = [at for at, fresh in enumerate(planner.begun) if fresh]
-    assert len(begun) == 2
+    assert planner.begun.count(True) == 2
     assert len(walking.took) == 3
 
 
@@ -390,10 +387,8 @@ def test_a_robot_that_jumps_over_level_ground_lands(rise: float) -> None:
     process, steps = PlannerProcess(LINE, jumper(), walking), STAND_NS // STEP_NS + 2
     for step in range(steps + 1):
         said = command(CommandMode.STAND if step == steps else CommandMode.JUMP, step)
-        seen = heightmap(step, rise=rise)
-        plan = process.step(
-            replace(state(step), leg_trusted=np.ones(4, bool)), seen, step * STEP_NS, said
-        )
+        here = replace(state(step), leg_trusted=np.ones(4, bool))
+        plan = process.step(here, heightmap(step, rise=rise), step * STEP_NS, said)
     assert plan.status == PlanStatus.STAND
     assert not walking.took
 

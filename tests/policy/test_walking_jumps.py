@@ -129,3 +129,13 @@ def test_a_robot_as_it_is_deployed_turns_while_it_jumps(robot: str, heading: flo
     )
     assert not done.cause
     assert vars(done)["figures"]["heading_deg"] < 4.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("robot", WALKS)
+def test_a_robot_as_it_is_deployed_stops_on_stairs_while_it_jumps(robot: str) -> None:
+    """Its walking policy catches it: two of three stand; one of ten did where it was landed."""
+    trials = WalkTrials(robot=robot, grid=WALKING_GRID, model=walking_path(robot))
+    seeds = (65000, 65003, 65004)
+    task = WalkTrialTask(kind="jump_stop", ground="stairs", seeds=seeds, source=TrueHeightSource)
+    assert sum(not result.cause for result in task.run(trials)) >= 2
