@@ -33,6 +33,7 @@ HOLE_M = 0.3
 """Ground so much lower beside the way is a hole: stairs that robots jump have 0.25 m a step."""
 
 REAR_LEGS = slice(2, 4)
+"""Places of the rear legs among FR, FL, RR, RL."""
 MOST_TURN_RPS = 0.5
 """Fastest turning of a robot that jumps: trials of led jumps turn as fast. A faster one was not
 tried."""
@@ -120,9 +121,9 @@ class Jumper:
 
     def hands_over(self, state: RobotState) -> bool:
         """True while both rear feet surely stand; see `Mover.hands_over`."""
-        caught = state.mode == ControllerMode.RUN and bool(state.leg_trusted[REAR_LEGS].all())
-        self._goes = self._goes and not caught
-        return caught
+        stands = state.mode == ControllerMode.RUN and bool(state.leg_trusted[REAR_LEGS].all())
+        self._goes = self._goes and not stands
+        return stands
 
 
 class FeetLines:

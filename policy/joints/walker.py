@@ -83,11 +83,11 @@ class Walker:
         state = decision.state
         if any(decision.velocity):
             self._stopping_ns = self._footing = None
-        if decision.heights is not None and state.mode == ControllerMode.RUN:
-            self._catch(state)
         if decision.heights is None or state.mode not in (*UNDER_WAY, ControllerMode.RUN):
             self._begin(state)
         else:
+            if state.mode == ControllerMode.RUN:
+                self._catch(state)
             self._move(state, decision.heights, self._braked(state, decision.velocity))
         kp, kd = (self._kp, self._kd) if self._footing is None else self._footing.gains
         return JointPlan(
@@ -128,8 +128,7 @@ class Walker:
 
     def _braked(self, state: RobotState, velocity: PlanarVelocity) -> PlanarVelocity:
         """The commanded velocity; of a robot that was caught at least what brakes it."""
-        since_s = 1e-9 * (state.time_ns - self._begun_ns - RISE_NS)
-        ahead = self._caught_mps - BRAKING * since_s
+        ahead = self._caught_mps - BRAKING * 1e-9 * (state.time_ns - self._caught_ns)
         return (max(velocity[0], ahead), *velocity[1:]) if ahead > 0.0 else velocity
 
     def _begin(self, state: RobotState) -> None:
@@ -143,7 +142,7 @@ class Walker:
         self._begun_ns, self._acted_ns = state.time_ns, -1
         self._still_ns: int | None = None
         self._stirs = np.random.default_rng(0)
-        self._caught_mps = 0.0
+        self._caught_ns, self._caught_mps = state.time_ns, 0.0
         self._stopping_ns = self._footing = None
 
     def _move(self, state: RobotState, heights: Floats, velocity: PlanarVelocity) -> None:

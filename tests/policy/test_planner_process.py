@@ -42,7 +42,7 @@ def state(step: int, mode: ControllerMode = ControllerMode.RUN) -> RobotState:
 def heightmap(
     step: int, status: HeightmapStatus = HeightmapStatus.OK, rise: float = 0.0
 ) -> Heightmap:
-    """Of level ground, or with a step up at 0.3 m."""
+    """Heights of level ground, or of a step 0.3 m ahead."""
     return Heightmap(
         time_ns=step * STEP_NS,
         step=step,
@@ -352,7 +352,7 @@ def test_no_command_starts_a_robot_that_was_stopped(mode: CommandMode) -> None:
 def test_a_robot_that_jumps_on_stairs_is_caught_when_both_rear_feet_stand(
     mode: CommandMode | None, waits: int, rise: float
 ) -> None:
-    """Whatever ends its jumps, the end of commands (None) too; then it obeys, and may jump anew."""
+    """Also where commands end (None). Then it obeys, and may jump anew."""
     planner, walking = Recalling(), Catching()
     process = PlannerProcess(LINE, Jumper(ROBOT, planner, lambda _: OBSERVED), walking)
     begin, still = STAND_NS // STEP_NS + 1, 0 if mode is not None else 51
