@@ -32,10 +32,10 @@ ground."""
 UNDER_WAY = (ControllerMode.WALK, ControllerMode.COAST)
 """Modes in which the policy goes on: of a Go1 at 1.2 m/s whose plans were missing for 60 ms none of
 8 fell, and 7 when it began anew."""
-CAUGHT_MPS, BRAKING = 1.0, 4.0
-"""Fastest way ahead for which the policy is asked when it catches a robot that jumps [m/s], and how
-fast that falls [m/s^2]: asked to stand at once, it let 2 of 20 Go1 fall on stairs; with 2.5 m/s^2,
-3 of 16 robots went on for more than 1 m of plain ground."""
+CAUGHT_MPS, CAUGHT_NS = 0.3, 600_000_000
+"""Way ahead for which the policy is asked when it catches a robot that jumps [m/s], and for how
+long. On stairs of 0.20 m it let 18 of 136 Go2 fall; asked for the robot's own speed, which fell by
+4 m/s^2, 25 fell and 12 stood after more than 1 m (docs/history.md, "Catching a robot that jumps")."""
 STILL_NS, STIRRED_NS = 500_000_000, 1_000_000_000
 """Time after which a robot is stirred that is to move and whose joints rest, and for how long."""
 RESTING_RPS = 0.3
@@ -88,7 +88,7 @@ class Walker:
         else:
             if state.mode == ControllerMode.RUN:
                 self._catch(state)
-            self._move(state, decision.heights, self._braked(state, decision.velocity))
+            self._move(state, decision.heights, self._led(state, decision.velocity))
         kp, kd = (self._kp, self._kd) if self._footing is None else self._footing.gains
         return JointPlan(
             time_ns=state.time_ns,
@@ -126,10 +126,10 @@ class Walker:
         self._begun_ns -= RISE_NS
         self._caught_mps = min(CAUGHT_MPS, float(np.linalg.norm(state.velocity_base_in_world[:2])))
 
-    def _braked(self, state: RobotState, velocity: PlanarVelocity) -> PlanarVelocity:
-        """The commanded velocity; of a robot that was caught at least what brakes it."""
-        ahead = self._caught_mps - BRAKING * 1e-9 * (state.time_ns - self._caught_ns)
-        return (max(velocity[0], ahead), *velocity[1:]) if ahead > 0.0 else velocity
+    def _led(self, state: RobotState, velocity: PlanarVelocity) -> PlanarVelocity:
+        """The commanded velocity; of a robot that was just caught at least a slow walk ahead."""
+        is_caught = self._caught_mps > 0.0 and state.time_ns - self._caught_ns < CAUGHT_NS
+        return (max(velocity[0], self._caught_mps), *velocity[1:]) if is_caught else velocity
 
     def _begin(self, state: RobotState) -> None:
         """Holds the joints where they are, by the torque that bears the robot now.

@@ -13,8 +13,8 @@ from saltus.errors import ModelError
 from saltus.policy.joints.footing import BEARS_NS, LONGEST_NS
 from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.joints.walker import (
-    BRAKING,
     CAUGHT_MPS,
+    CAUGHT_NS,
     RESTING_RPS,
     RISE_NS,
     STILL_NS,
@@ -200,23 +200,23 @@ def test_commands_beyond_what_was_trained_are_cut_off(policy: Noted) -> None:
 
 @pytest.mark.parametrize("speed", [0.0, 0.5, 1.4, 3.0])
 @pytest.mark.parametrize("velocity", [AT_REST, AHEAD])
-def test_a_robot_that_jumps_is_caught_at_once_and_braked(
+def test_a_robot_that_jumps_is_caught_at_once_and_led_on(
     policy: Noted, speed: float, velocity: PlanarVelocity
 ) -> None:
-    """Asked for its own speed first, as far as it can walk so fast, and soon for what is told."""
+    """Asked for a slow walk first, no faster than it is, and soon for what is told."""
     walker, first = Walker(ROBOT, policy), 100
     policy.given.clear()
-    for step in range(first, first + 60):
+    for step in range(first, first + 90):
         mode = ControllerMode.RUN if step == first else ControllerMode.WALK
         here = state(step, mode, velocity_base_in_world=np.array([speed, 0.0, 0.2]))
         walker.plan(PlannerDecision(state=here, heights=LEVEL, velocity=velocity))
         assert walker.slows(here) or step > first
     ahead, aside = (np.array([vector[at] for vector in policy.given]) for at in (6, 7))
-    assert ahead[0] == pytest.approx(max(min(speed, CAUGHT_MPS), velocity[0]))
-    assert np.all(np.diff(ahead) <= 0.0)
-    seconds = np.arange(len(ahead)) * 0.02
-    late = seconds > CAUGHT_MPS / BRAKING
-    np.testing.assert_allclose(ahead[late], velocity[0], atol=1e-6)
+    is_led = np.arange(len(ahead)) * 20_000_000 < CAUGHT_NS
+    assert is_led.any()
+    assert speed == 0.0 or not is_led.all()  # one at rest may stand before
+    slow = max(min(speed, CAUGHT_MPS), velocity[0])
+    np.testing.assert_allclose(ahead, np.where(is_led, slow, velocity[0]), atol=1e-6)
     np.testing.assert_allclose(aside, velocity[1], atol=1e-6)
 
 
