@@ -34,8 +34,9 @@ UNDER_WAY = (ControllerMode.WALK, ControllerMode.COAST)
 8 fell, and 7 when it began anew."""
 CAUGHT_MPS, CAUGHT_NS = 0.3, 600_000_000
 """Way ahead for which the policy is asked when it catches a robot that jumps [m/s], and for how
-long. On stairs of 0.20 m it let 18 of 136 Go2 fall; asked for the robot's own speed, which fell by
-4 m/s^2, 25 fell and 12 stood after more than 1 m (docs/history.md, "Catching a robot that jumps")."""
+long. On stairs of 0.20 m it let 18 of 136 Go2 fall. Asked for the robot's own speed, which fell by
+4 m/s^2, it let 25 fall, and 12 stood after more than 1 m (docs/history.md, "Catching a robot that
+jumps")."""
 STILL_NS, STIRRED_NS = 500_000_000, 1_000_000_000
 """Time after which a robot is stirred that is to move and whose joints rest, and for how long."""
 RESTING_RPS = 0.3
