@@ -216,6 +216,8 @@ def test_a_robot_that_jumps_is_caught_at_once_and_led_on(
     assert is_led.any()
     assert speed == 0.0 or not is_led.all()  # one at rest may stand before
     slow = max(min(speed, CAUGHT_MPS), velocity[0])
+    assert ahead[0] == pytest.approx(slow)
+    assert np.all(np.diff(ahead) <= 0.0)
     np.testing.assert_allclose(ahead, np.where(is_led, slow, velocity[0]), atol=1e-6)
     np.testing.assert_allclose(aside, velocity[1], atol=1e-6)
 
