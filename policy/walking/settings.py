@@ -6,6 +6,7 @@ from saltus.config import check_between
 from saltus.errors import ConfigError
 from saltus.policy.env.randomisation import RandomisationSettings
 from saltus.policy.env.settings import LARGEST, MOST_ROBOTS, SMALLEST, LearningSettings
+from saltus.policy.walking.starts import JumpStartSettings
 from saltus.terrain.course_table import CourseTable
 
 
@@ -211,6 +212,7 @@ class WalkSettings:
     drives: DriveSettings = field(default_factory=DriveSettings)
     randomisation: RandomisationSettings = field(default_factory=RandomisationSettings)
     """Bodies, drives and pushes of jumping; its shift of heights and its torque are not used."""
+    jump_start: JumpStartSettings = field(default_factory=JumpStartSettings)
     dialect: str = "isaaclab"
     """Dialect in which the policy reads heights, see `saltus.dialects`."""
     blind: bool = False

@@ -29,12 +29,13 @@ from saltus.policy.joints.observation import (
     joint_targets,
     standing_height,
 )
-from saltus.policy.walking import commands
+from saltus.policy.walking import commands, starts
 from saltus.policy.walking.commands import command_now, draw_command, in_command_frame
 from saltus.policy.walking.course_field import CourseField, in_trench
 from saltus.policy.walking.description import POLICY_HZ, SIZE, description_of
 from saltus.policy.walking.scan_errors import ScanErrors
 from saltus.policy.walking.settings import WalkSettings
+from saltus.policy.walking.starts import first_motion, height_above, under_trunk
 from saltus.policy.walking.walk_memory import WalkMemory, blank_walk_memory
 from saltus.policy.walking.walk_rewards import (
     AIR_TIME_S,
@@ -43,9 +44,8 @@ from saltus.policy.walking.walk_rewards import (
     walk_reward_terms,
 )
 from saltus.robots.robot import JOINTS
-from saltus.rotations import quaternion_from_roll_pitch_yaw, roll_pitch_yaw, rotation_matrix
+from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.sim.engine import Engine
-from saltus.sim.plant import CLEARANCE
 from saltus.terrain.boxes import Boxes
 from saltus.trial import UPRIGHT_LIMIT
 
@@ -54,7 +54,7 @@ SUBSTEPS = round(DT / PHYSICS_DT)
 TALLY = ("episodes", "failed", "steps", "speed_error", "turn_error", "way_m", "asked_m")
 """Counts over the robots of each family since the last report."""
 _LEAST_WAY = 1.0  # m; a shorter commanded way moves no level
-_START = ColumnNames(joints=(12,), x=(), y=(), yaw=(), variant=(), level=(), age=())
+_START = ColumnNames(x=(), y=(), variant=(), level=(), age=(), motion=(starts.DRAWS.count,))
 _PUSH = ColumnNames(when=(), ahead=(), aside=())
 _SENSORS = ColumnNames(angular_velocity=(3,), gravity=(3,), position=(12,), velocity=(12,))
 _DRAWS = ColumnNames(
@@ -90,6 +90,8 @@ class WalkEnv(TrainingEnv):
         wide = torch.tensor(
             [name in config.ground.wide for name in config.ground.shares], device=self.device
         )
+        jumps = [name in config.jump_start.families for name in config.ground.shares]
+        self._may_jump = torch.tensor(jumps, device=self.device)[kind]
         self.memory = blank_walk_memory(kind, wide[kind], config.ground.boxes)
         self.ground = CourseField(config.ground, self.memory.time_s)
         self._is_kind = torch.stack([kind == k for k in range(len(config.ground.shares))]).float()
@@ -108,7 +110,7 @@ class WalkEnv(TrainingEnv):
         """Sums over the robots of each family; see `TALLY`."""
         self.term_sums = torch.zeros_like(self.memory.terms[0])
         """Sum over steps of the mean of each reward term."""
-        self._trunk = self._trunk_points()
+        self._trunk = under_trunk(self.robot).like(self.reward)
         self._sums = self.tally, self.term_sums
         self._shown = Transition(
             actor=self.actor, critic=self.critic,
@@ -234,7 +236,8 @@ class WalkEnv(TrainingEnv):
         share = memory.way_m / memory.asked_m.clamp(min=1e-3)
         counts = memory.asked_m > _LEAST_WAY
         up = ~failed & counts & (share > config.promotion)
-        down = failed | (counts & (share < config.demotion))
+        is_whole = memory.first_time_s == 0.0  # one that begins in a jump is harder than its level
+        down = is_whole & (failed | (counts & (share < config.demotion)))
         draw = _START.of(_DRAWS.of(self._draws).start).level
         level = moved_level(config.levels, memory.level, up, down, draw)
         write_memory(memory, self.done, level=level)
@@ -247,8 +250,10 @@ class WalkEnv(TrainingEnv):
         write_memory(
             memory, mask, course=course, **draw_bodies(self.config.randomisation, drawn.body)
         )
+        begins_so = starts.DRAWS.of(start.motion).jumps < self.config.jump_start.share
+        jumps = mask & self._may_jump & begins_so
         finish = self.ground.table.finish_x[memory.course]
-        x = torch.where(memory.wide, start.x * finish, 0.4 * start.x - 0.2)
+        x = torch.where(memory.wide | jumps, start.x * finish, 0.4 * start.x - 0.2)
         y = torch.where(memory.wide, 1.0, 0.3) * (2.0 * start.y - 1.0)
         begin = torch.stack([x, y], -1)
         here = torch.where(mask[:, None], begin, torch.nan_to_num(self._qpos[:, :2].float()))
@@ -256,16 +261,21 @@ class WalkEnv(TrainingEnv):
         write_memory(memory, center=boxes.center, half_size=boxes.half_size, turn=boxes.angles)
         self._engine.set_terrain(self._boxes())
         self._engine.set_bodies(self._bodies())
-        self._place(mask, begin, start)
+        self._place(mask, jumps, begin, start.motion)
         zero = torch.zeros_like(memory.time_s)
         command, standing = draw_command(self.config.command, memory.wide, drawn.command)
+        jump = self.config.jump_start
+        command[:, 0] = torch.where(jumps, self.config.command.along_mps[0], command[:, 0])
+        stands = commands.DRAWS.of(drawn.command).standing < jump.standing
+        standing = torch.where(jumps, stands, standing)
+        begin_s = torch.where(jumps, max(self._time_limit_s - jump.lasts_s, 0.0), zero)
         redrawn = mask | (commands.DRAWS.of(drawn.command).when < DT / self.config.command.period_s)
         write_memory(memory, redrawn, drawn=command, standing=standing)
         write_memory(
             memory,
             mask,
-            time_s=zero,
-            first_time_s=zero,
+            time_s=begin_s,
+            first_time_s=begin_s,
             tick=zero,
             action=torch.zeros_like(memory.action),
             last_action=torch.zeros_like(memory.action),
@@ -278,26 +288,24 @@ class WalkEnv(TrainingEnv):
             shift=2.0 * drawn.shift - 1.0,
         )
 
-    def _place(self, mask: Tensor, begin: Tensor, drawn: Any) -> None:
-        """Puts robots in their standing pose, just above the highest ground under their feet."""
-        memory, ranges = self.memory, self.config.randomisation
-        joints = self._pose + ranges.start_joint_rad * (2.0 * drawn.joints - 1.0)
-        yaw = torch.where(memory.wide, torch.pi, ranges.start_yaw_rad) * (2.0 * drawn.yaw - 1.0)
-        zero = torch.zeros_like(yaw)
-        quaternion = quaternion_from_roll_pitch_yaw(zero, zero, yaw)
-        feet = self._legs.position(joints)
-        turned = feet @ rotation_matrix(quaternion).mT
-        sole = self.robot.foot_radius
-        ground = self._boxes().height_at(
-            torch.cat([begin[:, :1] + turned[..., 0] + side * sole for side in (-1.0, 1.0)], -1),
-            torch.cat([begin[:, 1:] + turned[..., 1]] * 2, -1),
+    def _place(self, mask: Tensor, jumps: Tensor, begin: Tensor, draws: Tensor) -> None:
+        """Puts robots just above the ground below them: in their standing pose, or in a jump."""
+        ranges = self.config.randomisation
+        yaw = torch.where(self.memory.wide, torch.pi, ranges.start_yaw_rad)
+        first = first_motion(
+            self.config.jump_start, self._pose, ranges.start_joint_rad, yaw, jumps, draws
         )
-        z = ground.amax(-1) + CLEARANCE + sole - feet[..., 2].amin(-1)
-        fresh = torch.cat([begin, z[:, None], quaternion, joints], -1).to(self._qpos.dtype)
+        feet, rotation = self._legs.position(first.joints), rotation_matrix(first.quaternion)
+        places = torch.cat([feet, self._trunk.expand(self.count, -1, -1)], 1) @ rotation.mT
+        z = height_above(self._boxes(), begin, places, self.robot.foot_radius)
+        fresh = torch.cat([begin, z[:, None], first.quaternion, first.joints], -1)
         rows = mask[:, None]
-        self._qpos.copy_(torch.where(rows, fresh, self._qpos))
-        self._qvel.copy_(torch.where(rows, torch.zeros_like(self._qvel), self._qvel))
-        self._warmstart.copy_(torch.where(rows, torch.zeros_like(self._warmstart), self._warmstart))
+        for kept, new in (
+            (self._qpos, fresh),
+            (self._qvel, first.velocity),
+            (self._warmstart, torch.zeros_like(self._warmstart)),
+        ):
+            kept.copy_(torch.where(rows, new.to(kept.dtype), kept))
 
     def _bodies(self) -> BodyModel:
         memory = self.memory
@@ -392,13 +400,3 @@ class WalkEnv(TrainingEnv):
     @property
     def _time_limit_s(self) -> float:
         return self.config.time_limit_s
-
-    def _trunk_points(self) -> Tensor:
-        """Corners and middles of the trunk's lower face, base frame [m], shape (6, 3)."""
-        center, half = self.robot.trunk_center, 0.5 * self.robot.trunk_size
-        places = [
-            (center[0] + ahead * half[0], center[1] + aside * half[1], center[2] - half[2])
-            for ahead in (-1.0, 0.0, 1.0)
-            for aside in (-1.0, 1.0)
-        ]
-        return torch.tensor(places, dtype=torch.float32, device=self.device)

@@ -30,6 +30,7 @@ from saltus.policy.walking.settings import (
     WalkSettings,
     WalkTrainSettings,
 )
+from saltus.policy.walking.starts import JumpStartSettings
 from saltus.policy.walking.train import make_walk_engine, train_walk
 from saltus.policy.walking.walk_env import PRIVILEGED, WalkEnv
 from saltus.resources import shipped_file
@@ -184,6 +185,24 @@ def test_robots_start_in_their_pose_above_whatever_ground_they_are_on():
         transition = env.step(torch.zeros(N, 12))
         falls |= transition.done & ~transition.timed_out
     assert falls.sum() <= 1
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_episodes_on_stairs_that_begin_in_a_jump_are_short_and_leave_the_level_as_it_is(share):
+    jump = JumpStartSettings(share=share)
+    env = make_env(config=replace(CONFIG, env=replace(CONFIG.env, jump_start=jump)))
+    env.set_levels(torch.ones(N))
+    assert env.memory.kind.sum() == N // 2
+    jumps = (env.memory.kind == 1) & (share > 0.0)
+    ahead_mps = torch.as_tensor(env._engine.qvel)[:, :2].norm(dim=-1)
+    assert torch.equal(ahead_mps > 0.0, jumps)
+    assert set(env.memory.drawn[jumps, 0].tolist()) <= {float(np.float32(0.3))}
+    env.memory.first_time_s.fill_(1.0)
+    torch.as_tensor(env._engine.qpos)[:, 3:7] = torch.tensor([0.0, 1.0, 0.0, 0.0]).double()
+    assert env.step(torch.zeros(N, 12)).done.all()
+    assert (env.memory.level == 1.0).all()
+    left_s = CONFIG.env.time_limit_s - env.memory.time_s
+    assert torch.equal(left_s, torch.where(jumps, jump.lasts_s, CONFIG.env.time_limit_s))
 
 
 def test_a_way_as_commanded_leads_to_harder_ground_and_a_fall_to_easier():
