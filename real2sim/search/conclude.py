@@ -28,7 +28,13 @@ from saltus.real2sim.search.quadratic import (
     score_dispersion,
 )
 from saltus.real2sim.search.repeats import closed_of_repeating, repeats_of
-from saltus.real2sim.search.reported import Groups, misfits_of, stated_model, unseen_of
+from saltus.real2sim.search.reported import (
+    Groups,
+    misfits_of,
+    stated_model,
+    unseen_of,
+    without_little,
+)
 from saltus.real2sim.search.residual_split import CHANCE, ResidualCells
 from saltus.real2sim.search.unknowns_layout import ModelEffects, UnknownsLayout, with_effects
 
@@ -66,9 +72,13 @@ def findings(
     around = known.quadratic(chosen.fit.model)
     # With the derivatives that `quadratic` has renewed
     chosen = comparison.score(known.fits[chosen.fit.model])
+    model = stated_model(problem, comparison, evaluate, null, chosen)
+    if rest := without_little(comparison, known.fits, chosen.fit, model.groups):
+        around = known.quadratic(rest)
+        chosen = comparison.score(known.fits[rest])
+        model = stated_model(problem, comparison, evaluate, null, chosen)
     confusion = signature.confusion(comparison.layout, around, chosen.fit.model)
     alike = decide.ambiguities(comparison, chosen, scored, confusion, wide, problem.collinear)
-    model = stated_model(problem, comparison, evaluate, null, chosen)
     final = model.residuals
     tested = ResidualCells.of(problem, ~comparison.split.is_fit)
     ruling = _rule(problem, comparison, tested, null, chosen, alike, final)

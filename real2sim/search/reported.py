@@ -18,6 +18,7 @@ from saltus.real2sim.search.model_fit import (
     renew_derivatives,
 )
 from saltus.real2sim.search.quadratic import bounded_minimum
+from saltus.real2sim.search.unknowns_layout import ModelEffects
 
 ITERATIONS = 3
 """Gauss-Newton iterations with fresh derivatives; values start within a few errors of their end."""
@@ -87,6 +88,28 @@ def stated_model(
     return StatedModel(
         groups=tried[-1].groups, unknowns=chosen.fit.unknowns, residuals=chosen.fit.residuals
     )
+
+
+def without_little(
+    comparison: ModelComparison,
+    fits: dict[ModelEffects, ModelFit],
+    fit: ModelFit,
+    groups: Groups,
+) -> ModelEffects:
+    """The other effect of a pair of which one shows little and is stated with a value that does not
+    count: the largest of its fitted values did, and may be noise. Empty: it is no such pair.
+    """
+    for effect in fit.model if len(fit.model) == 2 else ():
+        rest = tuple(other for other in fit.model if other != effect)
+        shown = decide.largest_rms(comparison, fits, fit, effect)
+        if not groups[effect] or rest not in fits or shown >= decide.BESIDE * comparison.size:
+            continue
+        least = decide.least_value(
+            comparison.layout.candidates[groups[effect][0].places[0].candidate]
+        )
+        if max(abs(float(group.value[0])) for group in groups[effect]) < least < np.inf:
+            return rest
+    return ()
 
 
 def is_as_good(comparison: ModelComparison, residuals: Floats, lowest: float) -> bool:
