@@ -223,6 +223,10 @@ class WalkSettings:
 
     def __post_init__(self) -> None:
         check_between(self, time_limit_s=(1.0, LARGEST))
+        unknown = set(self.jump_start.families) - set(self.ground.shares)
+        if self.jump_start.share > 0.0 and unknown:
+            name, known = min(unknown), ", ".join(self.ground.shares)
+            raise ConfigError(f"jump_start.families: no robot is on {name!r}; there are: {known}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,8 +1,8 @@
 """Starts of walking episodes: standing, or in a jump, on the rear feet, nose up, going up and ahead.
 
 A walking policy takes over where a jumping robot is to stop on uneven ground. Starts in a jump are
-as the shipped jumping policies on stairs of 0.20 m, 23 Go1 and 23 Go2, when they were caught: means
-over both, and the greater standard deviation (docs/walking.md, "Starts in a jump").
+as 23 Go1 and 23 Go2 that were caught on stairs of 0.20 m: means over both, and the greater standard
+deviation (docs/history.md, "Catching a robot that jumps").
 """
 
 import math

@@ -5,7 +5,9 @@ import pytest
 from numpy_and_torch import both
 from samples import ROBOT
 
+from saltus.errors import ConfigError
 from saltus.policy.walking import starts
+from saltus.policy.walking.settings import WalkSettings
 from saltus.policy.walking.starts import JumpStartSettings, first_motion, height_above, under_trunk
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.sim.plant import CLEARANCE
@@ -73,3 +75,9 @@ def test_the_trunk_is_seen_by_its_lower_face():
     half = 0.5 * ROBOT.trunk_size
     np.testing.assert_allclose(np.abs(places - ROBOT.trunk_center).max(0), half)
     assert (places[:, 2] < ROBOT.trunk_center[2]).all()
+
+
+def test_a_family_that_no_robot_is_on_is_told_where_episodes_begin_in_a_jump():
+    WalkSettings(jump_start=JumpStartSettings(families=("steps",)))
+    with pytest.raises(ConfigError, match=r"no robot is on 'steps'; there are: plain, rubble, "):
+        WalkSettings(jump_start=JumpStartSettings(families=("steps",), share=0.5))
