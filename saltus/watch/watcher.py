@@ -36,7 +36,7 @@ class PageWatcher:
         self._started: subprocess.Popen[bytes] | None = None
         self._folder = Path()
         self._looked_s = float("-inf")
-        self._shown: tuple[float, bool] | None = None
+        self._shown: tuple[float, bool, bool] | None = None
         self._arrange()
 
     def run(self) -> None:
@@ -62,9 +62,9 @@ class PageWatcher:
             self._looked_s = time.monotonic()
             self._look()
         self._page.advance(seconds)
-        now = (self._page.time_s, self._page.follows)
+        now = (self._page.time_s, self._page.follows, self._page.playing)
         if now == self._shown and not any(source.live is not None for source in self._sources):
-            return  # a recording that pauses
+            return  # a recording that pauses, whose numbers were shown once since
         self._shown = now
         self._page.show(
             [

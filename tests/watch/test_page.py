@@ -2,6 +2,7 @@
 what it says and draws, its time line and its buttons.
 """
 
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -68,6 +69,19 @@ def test_the_time_line_plays_pauses_and_is_dragged(tab: Tab) -> None:
         )
         tab.until(lambda time_s=time_s: f"{time_s:.2f} s" in tab.text(), f"the scene of {time_s} s")
     assert "Play" in tab.text()
+
+
+def test_a_page_that_pauses_tells_the_numbers_of_its_picture(tab: Tab) -> None:
+    """While it plays, numbers come less often than pictures."""
+
+    def told() -> list[float]:
+        return [float(found) for found in re.findall(r"time\n([\d.]+) s", tab.text())]
+
+    for _ in range(6):
+        play(tab, on=True)
+        tab.until(lambda: slider(tab) > 0.0, "a time")
+        play(tab, on=False)
+        tab.until(lambda: told() == pytest.approx([slider(tab)] * 2, abs=0.011), "its numbers")
 
 
 def test_the_picture_is_drawn_follows_the_time_and_stands_still_while_it_pauses(tab: Tab) -> None:
