@@ -1,4 +1,4 @@
-"""Starts of walking episodes: standing, or in a jump, on the rear feet, nose up, going up and ahead.
+"""Starts of walking episodes: standing, or in a jump, on the rear feet with the nose up.
 
 A walking policy takes over where a jumping robot is to stop on uneven ground. Starts in a jump are
 as 23 Go1 and 23 Go2 that were caught on stairs of 0.20 m: means over both, and the greater standard
@@ -80,9 +80,13 @@ class FirstMotion:
 
 
 def first_motion(
-    jump: JumpStartSettings, pose: Array, joint_rad: float, yaw_rad: Scalars, jumps: Array, draws:
-    Array,
-) -> FirstMotion:  # fmt: skip
+    jump: JumpStartSettings,
+    pose: Array,
+    joint_rad: float,
+    yaw_rad: Scalars,
+    jumps: Array,
+    draws: Array,
+) -> FirstMotion:
     """The motion that uniform numbers make.
 
     Args:

@@ -101,13 +101,13 @@ def without_little(
     """
     for effect in fit.model if len(fit.model) == 2 else ():
         rest = tuple(other for other in fit.model if other != effect)
-        shown = decide.largest_rms(comparison, fits, fit, effect)
-        if not groups[effect] or rest not in fits or shown >= decide.BESIDE * comparison.size:
+        if rest not in fits or not groups[effect]:
             continue
-        least = decide.least_value(
-            comparison.layout.candidates[groups[effect][0].places[0].candidate]
-        )
-        if max(abs(float(group.value[0])) for group in groups[effect]) < least < np.inf:
+        candidate = comparison.layout.candidates[groups[effect][0].places[0].candidate]
+        least = decide.least_value(candidate)
+        largest = max(abs(float(group.value[0])) for group in groups[effect])
+        shown = decide.largest_rms(comparison, fits, fit, effect)
+        if shown < decide.BESIDE * comparison.size and largest < least < np.inf:
             return rest
     return ()
 
