@@ -63,7 +63,8 @@ def run_route(run: WalkRun, seed: int, route: WalkRoute) -> ErrandResult:
     limit_s = BEGINS_S + SLACK * route.length_m / speed + CORNER_S * len(route.goals)
 
     def operator(time_s: float, truth: PlantState) -> Wish:
-        return goals.lead(truth.position_base_in_world[:2], base_yaw(truth), time_s)
+        del time_s
+        return goals.lead(truth.position_base_in_world[:2], base_yaw(truth))
 
     way_m, last = 0.0, np.zeros(2)
     for step in run(operator):

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats, smooth_step
-from saltus.policy.joints.description import LEAST_COMMAND
 from saltus.policy.joints.footing import Footing, is_slow
 from saltus.policy.joints.observation import (
     ObservationMaker,
@@ -16,6 +15,7 @@ from saltus.policy.joints.observation import (
     standing_height,
 )
 from saltus.policy.joints.policy import JointPolicy
+from saltus.policy.joints.stuck import StuckWatch
 from saltus.policy.mover import PlanarVelocity, PlannerDecision
 from saltus.robots.robot import JOINTS, Robot
 from saltus.rotations import rotation_matrix
@@ -37,14 +37,6 @@ CAUGHT_MPS, CAUGHT_NS = 0.3, 350_000_000
 that begin in a jump, and for how long. On stairs of 0.20 m 7 of 112 Go1 and 6 of 112 Go2 did not
 stop within 1 m. Asked to stand at once, 14 of 56 Go2 fell; asked for 0.6 s, 17 of 140 Go1 did not
 stop (docs/history.md, "Catching a robot that jumps")."""
-STILL_NS, STIRRED_NS = 500_000_000, 1_000_000_000
-"""Time after which a robot is stirred that is to move and whose joints rest, and for how long."""
-RESTING_RPS = 0.3
-"""Velocity that no joint of a robot at rest exceeds [rad/s]."""
-STIR = 0.2
-"""Standard deviation of what is added to the actions of a robot that is stirred: with which the
-trainings of the shipped policies end (their cards). A policy that stands still before a step goes
-on standing, as it sees the same for good; in training its exploration ends that."""
 ON_TIME = 0.75
 """Share of the policy's period after which it is asked again: states may be dated a bit early."""
 
@@ -141,8 +133,7 @@ class Walker:
         self._action = np.zeros(len(JOINTS))
         self._past: Floats | None = None
         self._begun_ns, self._acted_ns = state.time_ns, -1
-        self._still_ns: int | None = None
-        self._stirs = np.random.default_rng(0)
+        self._stuck = StuckWatch()
         self._caught_ns, self._caught_mps = state.time_ns, 0.0
         self._stopping_ns = self._footing = None
 
@@ -155,28 +146,15 @@ class Walker:
             self._targets = self._from + risen * (self._pose - self._from)
         elif self._acted_ns < 0 or state.time_ns - self._acted_ns >= self._period_ns:
             told = self._blind if self._described.blind else heights[self._places]
-            self._act(state, told, velocity)
+            self._act(state, told, self._stuck.lead(state, velocity))
             self._acted_ns = state.time_ns
 
     def _act(self, state: RobotState, heights: Floats, velocity: PlanarVelocity) -> None:
         vector = self._observer.vector(self._sensed(state, heights, velocity))
         self._action = self._policy(self._with_history(vector)[None])[0].astype(np.float64)
-        if self._is_stirred(state, velocity):
-            stirs = self._stirs.normal(0.0, STIR, len(JOINTS))
-            self._action = self._action + stirs[self._described.order]
         ours = np.zeros(len(JOINTS))
         ours[self._described.order] = self._action
         self._targets = joint_targets(self._pose, self._scale, ours)
-
-    def _is_stirred(self, state: RobotState, velocity: PlanarVelocity) -> bool:
-        """True for a while after its joints rested although it is to move."""
-        rested_ns = 0 if self._still_ns is None else state.time_ns - self._still_ns
-        is_asked = np.linalg.norm(velocity) > LEAST_COMMAND
-        rests = np.abs(state.joint_velocity).max() < RESTING_RPS
-        is_stirred = is_asked and STILL_NS <= rested_ns < STILL_NS + STIRRED_NS
-        if not (is_stirred or (is_asked and rests and 0 < rested_ns < STILL_NS)):
-            self._still_ns = state.time_ns
-        return bool(is_stirred)
 
     def _sensed(
         self, state: RobotState, heights: Floats, velocity: PlanarVelocity

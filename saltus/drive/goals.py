@@ -8,7 +8,7 @@ import numpy as np
 from saltus.arrays import Floats
 from saltus.drive.wish import STAND, Wish
 from saltus.rotations import roll_pitch_yaw, rotation_matrix
-from saltus.wire.messages import CommandMode, ControllerMode, RobotState
+from saltus.wire.messages import CommandMode, RobotState
 
 REACHED_M = 0.15
 """Distance at which a goal is reached: about a third of a Go1's trunk."""
@@ -19,11 +19,6 @@ ON_THE_SPOT_RAD = math.radians(60.0)
 SLOWING = 1.0
 """Speed by distance from the last goal [1/s]: it arrives slowly."""
 SLOWEST_MPS = 0.3
-STUCK_S, STUCK_M, STUCK_SHARE = 2.0, 0.1, 0.25
-"""A robot that is to walk and does not get so far in this time stands before something; one that is
-to walk slowly, not even this share of its way."""
-BACK_MPS, BACK_S = -0.3, 1.0
-"""Then it walks back for so long, and comes to it by other steps."""
 TURN_RPS = 0.8
 """Fastest turning where none is given: well within what policies are trained for."""
 
@@ -43,9 +38,6 @@ class Goals:
         self._left = [np.array(goal, np.float64) for goal in goals]
         self._speed, self._turn = speed_mps, turn_rps
         self._way = PoseOnWay()
-        self._last_moved: tuple[float, Floats] | None = None
-        """When [s] and where it last was elsewhere."""
-        self._back_until_s = -math.inf
 
     @property
     def is_over(self) -> bool:
@@ -59,14 +51,10 @@ class Goals:
 
     def wish(self, state: RobotState) -> Wish:
         """The wish at a state; states come in order, none twice."""
-        walks = state.mode == ControllerMode.WALK
-        return self.lead(*self._way.step(state), 1e-9 * state.time_ns, walks=walks)
+        return self.lead(*self._way.step(state))
 
-    def lead(self, place: Floats, heading: float, time_s: float, *, walks: bool = True) -> Wish:
-        """The wish of a robot at a place [m], shape (2,), in the frame of the goals.
-
-        One that walks and comes no farther walks back first.
-        """
+    def lead(self, place: Floats, heading: float) -> Wish:
+        """The wish of a robot at a place [m], shape (2,), in the frame of the goals."""
         while self._left and math.hypot(*(self._left[0] - place)) < REACHED_M:
             del self._left[0]
         if not self._left:
@@ -77,24 +65,11 @@ class Goals:
         if len(self._left) == 1:
             speed = min(speed, max(SLOWEST_MPS, SLOWING * math.hypot(ahead, left)))
         turns = abs(error) > ON_THE_SPOT_RAD
-        if self._is_stuck(place, time_s, goes=walks and not turns):
-            return Wish(mode=CommandMode.WALK, ahead_mps=BACK_MPS)
         return Wish(
             mode=CommandMode.WALK,
             ahead_mps=0.0 if turns else speed * math.cos(error),
             turn_rps=min(max(TURN_GAIN * error, -self._turn), self._turn),
         )
-
-    def _is_stuck(self, place: Floats, time_s: float, *, goes: bool) -> bool:
-        if time_s < self._back_until_s:
-            return True
-        last, far_m = self._last_moved, min(STUCK_M, STUCK_SHARE * self._speed * STUCK_S)
-        if last is None or not goes or math.hypot(*(place - last[1])) > far_m:
-            self._last_moved = time_s, np.array(place)
-        elif time_s - last[0] > STUCK_S:
-            self._last_moved, self._back_until_s = None, time_s + BACK_S
-            return True
-        return False
 
 
 class PoseOnWay:

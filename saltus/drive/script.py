@@ -10,7 +10,7 @@ from pathlib import Path
 from saltus.drive.goals import TURN_RPS, Goals, PoseOnWay
 from saltus.drive.wish import STAND, Wish
 from saltus.errors import ConfigError, check_known, nearest_hint
-from saltus.wire.messages import CommandMode, ControllerMode, RobotState
+from saltus.wire.messages import CommandMode, RobotState
 from saltus.wire.schemas import PLAN_VELOCITY, POSITION
 
 VELOCITIES = ("ahead_mps", "left_mps", "turn_rps")
@@ -56,8 +56,7 @@ class WishScript:
         """The wish at a time since the start and a state; states come in order, none twice."""
         seen = self._way.step(state)
         wish = self._wishes[bisect_right(self._times, time_s)]
-        walks = state.mode == ControllerMode.WALK
-        return wish.lead(*seen, time_s, walks=walks) if isinstance(wish, Goals) else wish
+        return wish.lead(*seen) if isinstance(wish, Goals) else wish
 
 
 def _rows(lines: Iterable[str]) -> list[tuple[float, Wish | Goals]]:

@@ -9,16 +9,15 @@ import pytest
 from samples import ROBOT
 from walking_policies import OURS, bearing, put_policy
 
+from saltus.drive.goals import Goals
 from saltus.errors import ModelError
 from saltus.policy.joints.footing import BEARS_NS, LONGEST_NS
 from saltus.policy.joints.policy import JointPolicy
+from saltus.policy.joints.stuck import BACK_NS, BACK_SPEED, STUCK_NS, STUCK_SHARE, StuckWatch
 from saltus.policy.joints.walker import (
     CAUGHT_MPS,
     CAUGHT_NS,
-    RESTING_RPS,
     RISE_NS,
-    STILL_NS,
-    STIRRED_NS,
     STOP_NS,
     Walker,
 )
@@ -118,49 +117,99 @@ def test_it_gets_up_to_its_pose_and_holds_still_until_the_controller_follows(
     np.testing.assert_array_equal(plan.kd, OURS.kd)
 
 
+def asked_for(policy: Noted, walker: Walker, velocity: PlanarVelocity, share: float) -> Any:
+    """What a policy is asked for in 4 s in which the robot follows its command by a share."""
+    first = risen(walker, velocity)
+    policy.given.clear()
+    moving = {
+        "velocity_base_in_world": share * np.array([*velocity[:2], 0.0]),
+        "angular_velocity_base": share * np.array([0.0, 0.0, velocity[2]]),
+    }
+    for step in range(first, first + 400):
+        walker.plan(PlannerDecision(state=state(step, **moving), heights=LEVEL, velocity=velocity))
+    return np.array(policy.given)[:, 6:9]
+
+
+@pytest.mark.parametrize("velocity", [AHEAD, (0.0, 0.0, 0.5), (-0.2, 0.0, 0.0), (1.0, 0.0, 0.0)])
+@pytest.mark.parametrize("share", [-0.2, 0.0, 0.9 * STUCK_SHARE])
+def test_a_robot_that_does_not_follow_its_command_is_led_the_other_way(
+    policy: Noted, velocity: PlanarVelocity, share: float
+) -> None:
+    """Again and again, with as long a time between in which it is led as it is told."""
+    asked, told = asked_for(policy, Walker(ROBOT, policy), velocity, share), np.array(velocity)
+    back = -told * min(1.0, BACK_SPEED / np.linalg.norm(told))
+    period = (STUCK_NS + BACK_NS) // STEP_NS // 2  # the policy is asked at every other step
+    time = np.arange(len(asked)) % period * 2 * STEP_NS
+    is_back = np.abs(asked - back).max(-1) < 1e-6
+    np.testing.assert_allclose(asked[~is_back], told * np.ones((sum(~is_back), 1)), atol=1e-6)
+    clear = np.abs(time - STUCK_NS) > 4 * STEP_NS  # of the two asked for at its ends
+    clear &= (time > 4 * STEP_NS) & (time < period * 2 * STEP_NS - 4 * STEP_NS)
+    np.testing.assert_array_equal(is_back[clear], time[clear] > STUCK_NS)
+
+
 @pytest.mark.parametrize(
-    ("velocity", "turning", "is_stirred"),
+    ("velocity", "share"),
     [
-        (AHEAD, 0.9 * RESTING_RPS, True),
-        (AHEAD, 1.1 * RESTING_RPS, False),
-        ((0.05, 0.0, 0.0), 0.0, False),
-        ((0.0, 0.0, 0.5), 0.0, True),
+        (AHEAD, 1.1 * STUCK_SHARE),
+        (AHEAD, 1.2),
+        ((0.0, 0.0, 0.5), 1.1 * STUCK_SHARE),
+        ((0.05, 0.0, 0.0), 0.0),
+        (AT_REST, 0.0),
     ],
 )
-def test_only_a_robot_that_rests_although_it_is_to_move_is_stirred(
-    policy: Noted, velocity: tuple[float, float, float], turning: float, is_stirred: bool
+def test_one_that_follows_or_is_to_stand_is_led_as_it_is_told(
+    policy: Noted, velocity: PlanarVelocity, share: float
 ) -> None:
-    walker, twin = Walker(ROBOT, policy), Walker(ROBOT, policy)
-    first, joints = risen(walker, velocity), np.full(12, turning)
-    risen(twin, velocity)
-    targets = []
-    for step in range(first, first + 4 * (STILL_NS + STIRRED_NS) // STEP_NS):
-        given = PlannerDecision(
-            state=state(step, joint_velocity=joints), heights=LEVEL, velocity=velocity
+    asked = asked_for(policy, Walker(ROBOT, policy), velocity, share)
+    np.testing.assert_allclose(asked, np.array(velocity) * np.ones((len(asked), 1)), atol=1e-6)
+
+
+@pytest.mark.parametrize("start", range(6))
+def test_a_robot_that_comes_no_farther_is_led_back_and_reaches_its_goal(start: int) -> None:
+    """It stands in front of something until it has come back."""
+    rng, watch = np.random.default_rng(start), StuckWatch()
+    goals = Goals([tuple(rng.uniform(2.0, 3.0, 2))], 0.6, 0.8)
+    stops_s, place, heading, backs = rng.uniform(2.0, 3.5), np.zeros(2), 0.7, 0
+    time_s, since_s, ahead_mps, turn_rps = 0.0, 0.0, 0.0, 0.0
+    while goals.left:
+        assert time_s < 60.0, "it goes on and on"
+        wish = goals.lead(place, heading)
+        is_stopped = time_s > stops_s and not backs
+        since_s = since_s if is_stopped else time_s
+        here = replace(
+            standing_state(ROBOT),
+            time_ns=round(1e9 * time_s),
+            velocity_base_in_world=np.array([ahead_mps, 0.0, 0.0]),
+            angular_velocity_base=np.array([0.0, 0.0, turn_rps]),
         )
-        plans = [each.plan(given).joint_position for each in (walker, twin)]
-        np.testing.assert_array_equal(*plans)  # of equal robots, all draws are equal
-        targets.append(plans[0])
-    changed = np.abs(np.diff(targets, axis=0)).max(-1) > 1e-3
-    still = STILL_NS // STEP_NS - 3  # the policy acted first before these steps
-    assert not changed[:still].any()
-    assert changed[still:].any() == is_stirred
-    if is_stirred:  # again and again, with rests between
-        period = (STILL_NS + STIRRED_NS) // STEP_NS
-        shares = [changed[k * period : (k + 1) * period].mean() for k in range(4)]
-        assert 0.2 < min(shares) < max(shares) < 0.5
+        ahead_mps, _, turn_rps = watch.lead(here, (wish.ahead_mps, wish.left_mps, wish.turn_rps))
+        if ahead_mps < 0.0:
+            assert backs or time_s - since_s > 1e-9 * STUCK_NS * (1.0 - STUCK_SHARE)
+            backs += 1
+        elif is_stopped:
+            ahead_mps = turn_rps = 0.0
+        ahead = np.array([np.cos(heading), np.sin(heading)])
+        place, heading = place + 0.01 * ahead_mps * ahead, heading + 0.01 * turn_rps
+        time_s += 0.01
+    assert backs == pytest.approx(BACK_NS // STEP_NS, abs=2)
 
 
-def test_a_robot_that_is_stirred_stops_at_once(policy: Noted) -> None:
+@pytest.mark.parametrize("told", [AT_REST, (0.0, 0.0, 0.05)])
+def test_a_robot_that_is_led_back_stands_at_once_when_it_is_told(
+    policy: Noted, told: PlanarVelocity
+) -> None:
     walker = Walker(ROBOT, policy)
     first = risen(walker)
-    stirred = first + (STILL_NS + STIRRED_NS // 2) // STEP_NS
-    for step in range(first, stirred + 50):
-        velocity = AHEAD if step < stirred else AT_REST
-        plan = walker.plan(PlannerDecision(state=state(step), heights=LEVEL, velocity=velocity))
-        if step == stirred + 1:
-            stands = plan.joint_position
-    np.testing.assert_allclose(plan.joint_position, stands, atol=1e-6)
+    stops = first + (STUCK_NS + BACK_NS // 2) // STEP_NS
+    for step in range(first, stops + 50):
+        velocity = AHEAD if step < stops else told
+        walker.plan(PlannerDecision(state=state(step), heights=LEVEL, velocity=velocity))
+        if step == stops - 1:
+            assert policy.given[-1][6] < 0.0
+            policy.given.clear()
+    np.testing.assert_allclose(
+        np.array(policy.given)[:, 6:9], np.array(told) * np.ones((len(policy.given), 1)), atol=1e-6
+    )
 
 
 @pytest.mark.parametrize(("every", "asked"), [(1, 50), (2, 50), (3, 34)])

@@ -18,7 +18,7 @@ from saltus.config import RunConfig
 from saltus.drive import gamepad
 from saltus.drive.__main__ import AFTER_S, WishSource, body, by_goals, by_script
 from saltus.drive.gamepad import GamepadWish
-from saltus.drive.goals import BACK_S, REACHED_M, STUCK_M, STUCK_S, Goals
+from saltus.drive.goals import REACHED_M, Goals
 from saltus.drive.keyboard import MODES, MOST, STEP, VELOCITIES, pressed, unbuffered_keys
 from saltus.drive.script import WishScript
 from saltus.drive.wish import STAND, Wish
@@ -151,32 +151,6 @@ def test_a_robot_that_obeys_reaches_all_goals_from_any_place_and_heading(
         reached = np.linalg.norm(left - goal, axis=1) < REACHED_M + 0.02
         assert reached.any()
         left = left[int(np.argmax(reached)) :]
-
-
-@pytest.mark.parametrize("start", range(6))
-def test_a_robot_that_comes_no_farther_is_led_back_and_tries_again(start: int) -> None:
-    """It stands in front of something until it has come back; while the planner has it stand, its
-    goals wait.
-    """
-    rng = np.random.default_rng(start)
-    goals = Goals([tuple(rng.uniform(2.0, 3.0, 2))], 0.6, 0.8)
-    stops_s, waits_s = rng.uniform(2.0, 3.5), rng.uniform(5.0, 20.0)
-    place, heading, time_s, backs, stopped, since_s = np.zeros(2), 0.7, 0.0, 0, False, 0.0
-    while goals.left:
-        walks = time_s > waits_s
-        wish = goals.lead(place, heading, time_s, walks=walks)
-        assert time_s < waits_s + 60.0, "it goes on and on"
-        if wish.ahead_mps < 0.0:
-            assert walks
-            assert time_s > since_s + STUCK_S - STUCK_M / 0.3  # at the slowest
-            backs, stopped = backs + 1, False
-        elif time_s - waits_s > stops_s and not backs and not stopped:
-            stopped, since_s = True, time_s
-        if walks and not stopped:
-            ahead = np.array([math.cos(heading), math.sin(heading)])
-            place, heading = place + 0.01 * wish.ahead_mps * ahead, heading + 0.01 * wish.turn_rps
-        time_s += 0.01
-    assert backs == pytest.approx(100 * BACK_S, abs=2)
 
 
 def test_a_goal_of_a_script_is_walked_to_and_stood_at_until_the_next_row(tmp_path: Path) -> None:
