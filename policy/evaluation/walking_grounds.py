@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -22,6 +23,12 @@ from saltus.terrain.terrain import Terrain
 FINISH_X = 10.0
 """The robot starts at x = 0 and has crossed a ground here [m]."""
 WIDTH_M = 2.5
+walking_rubble = partial(Rubble, side=(0.15, 0.6), height=(0.01, 0.15), tilt=0.15)
+"""Rubble of trials of walking: `Rubble` with blocks as in the training."""
+BEFORE_RUBBLE = Level(length=0.5)
+"""Ground before rubble at a start: blocks reach up to 0.42 m beyond their middles. A robot is set
+down from above what is highest below its feet. Where that was a block below one of them, two of 100
+Go2 fell over before they walked (docs/history.md, "Robots that stop before a step")."""
 _UNEVEN = {"rise": (0.05, 0.20), "run": (0.25, 0.40)}  # of irregular stairs, drawn for each tread
 _SLOPE = 3.0 * math.tan(math.radians(20.0))
 
@@ -39,7 +46,7 @@ def _stairs(rise: float) -> Stairs:
 
 GROUNDS: dict[str, tuple[CourseSegment, ...]] = {
     "plain": (Level(length=10.0),),
-    "rubble": (Rubble(length=9.0, count=105, side=(0.15, 0.6), height=(0.01, 0.15), tilt=0.15),),
+    "rubble": (BEFORE_RUBBLE, walking_rubble(length=9.0, count=105)),
     "stairs": (Level(length=0.5), _stairs(0.15), Level(length=1.0), _stairs(-0.15), Level()),
     "irregular": (
         Level(length=0.5), *_irregular(1.0), Level(length=1.0), *_irregular(-1.0), Level(length=2.0)
@@ -74,12 +81,7 @@ def make_walk_ground(name: str, seed: int) -> Terrain:
 def drill_ground(name: str, seed: int) -> Terrain:
     """A field of one of `DRILL_GROUNDS`, with level ground around it."""
     check_known("no ground for drills", name, DRILL_GROUNDS)
-    blocks = Rubble(
-        length=_DRILL_M, count=round(4.7 * _DRILL_M**2), side=(0.15, 0.6), height=(0.01, 0.15),
-        tilt=0.15,
-    )  # fmt: skip
-    segment = Level(length=_DRILL_M) if name == "plain" else blocks
-    course = Course(
-        kind=name, segments=(segment,), width=_DRILL_M, floor_m=0.005, margin_m=_BESIDE_M
-    )
+    blocks = walking_rubble(length=_DRILL_M, count=round(4.7 * _DRILL_M**2))
+    segments = (Level(length=_DRILL_M),) if name == "plain" else (BEFORE_RUBBLE, blocks)
+    course = Course(kind=name, segments=segments, width=_DRILL_M, floor_m=0.005, margin_m=_BESIDE_M)
     return course.terrain(RandomSizes(np.random.default_rng(seed)))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from saltus.errors import check_known
+from saltus.policy.evaluation.walking_grounds import BEFORE_RUBBLE, walking_rubble
 from saltus.terrain.course import Course
 from saltus.terrain.course_segments import (
     CourseSegment,
@@ -14,7 +15,6 @@ from saltus.terrain.course_segments import (
     Level,
     Ramp,
     RandomSizes,
-    Rubble,
     Stairs,
     Stones,
     Turn,
@@ -30,12 +30,7 @@ _SLOPE = _PART_M * math.tan(math.radians(20.0))
 _UNEVEN_M, _RUN_M = (0.05, 0.20), (0.25, 0.40)
 COURSE_WIDTH_M = 2.0
 PARTS: dict[str, tuple[CourseSegment, ...]] = {
-    "rubble": (
-        Rubble(
-            length=_PART_M, count=round(4.7 * _PART_M * COURSE_WIDTH_M), side=(0.15, 0.6),
-            height=(0.01, 0.15), tilt=0.15,
-        ),
-    ),
+    "rubble": (walking_rubble(length=_PART_M, count=round(4.7 * _PART_M * COURSE_WIDTH_M)),),
     "stairs up": (Stairs(steps=9, rise=0.15, run=0.3),),
     "stairs down": (Stairs(steps=9, rise=-0.15, run=0.3),),
     "irregular": tuple(Stairs(steps=1, rise=_UNEVEN_M, run=_RUN_M) for _ in range(8)),
@@ -78,7 +73,8 @@ def _landing(rng: np.random.Generator) -> WalkRoute:
 
 def _course(rng: np.random.Generator) -> WalkRoute:
     """A course whose two corners lead to one side and back; each part and corner ends at a goal."""
-    side, segments, ends = float(rng.choice((-1.0, 1.0))), list[CourseSegment](), list[int]()
+    side, ends = float(rng.choice((-1.0, 1.0))), list[int]()
+    segments: list[CourseSegment] = [BEFORE_RUBBLE]
     for i, name in enumerate(rng.choice(list(PARTS), _PARTS)):
         if i in (3, 6):
             angle = side * float(rng.uniform(0.5, 0.5 * math.pi))
@@ -102,12 +98,11 @@ def _of_course(
 
 def _arena(rng: np.random.Generator) -> WalkRoute:
     """A field of rubble and goals 7 to 9 m from each other, 40 m in all on average."""
-    blocks = Rubble(
-        length=_FIELD_M, count=_BLOCKS, side=(0.15, 0.6), height=(0.01, 0.15), tilt=0.15
-    )
+    blocks = walking_rubble(length=_FIELD_M, count=_BLOCKS)
     field = Course(
-        kind="arena", segments=(blocks,), width=_FIELD_M, floor_m=_FLOOR_M, margin_m=_BESIDE_M
-    )
+        kind="arena", segments=(BEFORE_RUBBLE, blocks), width=_FIELD_M, floor_m=_FLOOR_M,
+        margin_m=_BESIDE_M,
+    )  # fmt: skip
     goals, here = list[RoutePoint](), np.zeros(2)
     while len(goals) < _GOALS:
         way, heading = rng.uniform(*_BETWEEN_M), rng.uniform(-math.pi, math.pi)

@@ -68,6 +68,19 @@ def test_robots_that_leave_the_field_of_a_drill_do_not_fall(name: str) -> None:
         assert terrain.arrays.covers(float(x), float(y))
 
 
+@pytest.mark.parametrize("seed", range(10))
+def test_robots_are_set_down_on_level_ground(seed: int) -> None:
+    """Else one foot alone may be above a block, on which the robot falls over."""
+    starts = {
+        **{name: make_walk_ground(name, seed) for name in GROUNDS},
+        **{f"{name}, drilled": drill_ground(name, seed) for name in DRILL_GROUNDS},
+        **{name: make_route(name, seed).terrain for name in ROUTES},
+    }
+    x, y = np.meshgrid(np.linspace(-0.5, 0.5, 60), np.linspace(-0.3, 0.3, 40))
+    for name, terrain in starts.items():
+        assert np.abs(terrain.height_at(x.ravel(), y.ravel())).max() < 0.011, name
+
+
 def test_unknown_grounds_are_refused() -> None:
     with pytest.raises(ConfigError, match="no ground 'stair'"):
         make_walk_ground("stair", 0)
