@@ -3,6 +3,7 @@ and JSON that other programs can read.
 """
 
 import json
+import os
 import re
 import shlex
 import subprocess
@@ -151,3 +152,19 @@ def test_up_refuses_a_scan_that_it_cannot_tell(
 ) -> None:
     assert main(["up", "--out", str(tmp_path / "run"), *words]) == BAD_INPUT
     assert named in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("given", "expected"), [({}, 1), ({"OPENBLAS_NUM_THREADS": "2"}, 2)])
+def test_numpy_computes_in_one_thread_unless_the_user_says_other(
+    given: dict[str, str], expected: int
+) -> None:
+    """Threads of BLAS that wait for each other take a busy computer's time."""
+    code = (
+        "import os\nfrom saltus.cli.main import main\nmain(['--version'])\nimport numpy\n"
+        "here = numpy.ones((500, 500))\nhere @ here\nprint(len(os.listdir('/proc/self/task')))"
+    )
+    environment = {k: v for k, v in os.environ.items() if not k.endswith("NUM_THREADS")} | given
+    shown = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+    ).stdout
+    assert int(shown.splitlines()[-1]) == min(expected, len(os.sched_getaffinity(0)))
