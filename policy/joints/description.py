@@ -146,7 +146,7 @@ class PolicyDescription(TomlValue):
         """Points of the heights; `ConfigError` where there is no such grid."""
         return load_grid(self.grid)
 
-    def obeyed(self, velocity: Sequence[float]) -> Floats:
+    def obeyed(self, velocity: Sequence[float] | Floats) -> Floats:
         """A command within the range that the policy knows, shape (3,)."""
         return np.clip(np.asarray(velocity, np.float64), self.command_low, self.command_high)
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from saltus.arrays import Floats
 from saltus.policy.joints.description import LEAST_COMMAND
-from saltus.policy.mover import PlanarVelocity
 from saltus.rotations import rotation_matrix
 from saltus.wire.messages import RobotState
 
@@ -23,20 +23,20 @@ class StuckWatch:
         self._last_ns: int | None = None
         self._back_until_ns = 0
 
-    def lead(self, state: RobotState, velocity: PlanarVelocity) -> PlanarVelocity:
+    def lead(self, state: RobotState, command: Floats) -> Floats:
         """The velocity that a policy is asked for: that of the command, or the other way.
 
-        States come in order. Below `LEAST_COMMAND` nothing is watched.
+        States come in order. A command is one that the policy can follow, ahead, to the left [m/s]
+        and of turning [rad/s]; below `LEAST_COMMAND` nothing is watched.
         """
-        command = np.array(velocity)
-        if self._last_ns is None or np.linalg.norm(command) <= LEAST_COMMAND:
+        speed = float(np.linalg.norm(command))
+        if self._last_ns is None or speed <= LEAST_COMMAND:
             self._begin(state.time_ns)
             self._back_until_ns = 0
-            return velocity
+            return command
         if state.time_ns < self._back_until_ns:
             self._begin(state.time_ns)
-            ahead, left, turn = -command * min(1.0, BACK_SPEED / np.linalg.norm(command))
-            return float(ahead), float(left), float(turn)
+            return np.asarray(-command * min(1.0, BACK_SPEED / speed))
         passed_s = 1e-9 * (state.time_ns - self._last_ns)
         self._last_ns = state.time_ns
         linear = state.velocity_base_in_world @ rotation_matrix(state.quaternion_base_in_world)
@@ -47,7 +47,7 @@ class StuckWatch:
             if self._followed < STUCK_SHARE * self._asked:
                 self._back_until_ns = state.time_ns + BACK_NS
             self._begin(state.time_ns)
-        return velocity
+        return command
 
     def _begin(self, time_ns: int) -> None:
         self._since_ns = self._last_ns = time_ns

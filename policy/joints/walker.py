@@ -67,7 +67,7 @@ class Walker:
         self._blind = np.full(size, -standing_height(robot, described.pose))
         self._period_ns = round(ON_TIME * 1e9 / described.rate_hz)
         self._begin(standing_state(robot))
-        self._act(standing_state(robot), self._blind, (0.0, 0.0, 0.0))  # the first call takes long
+        self._act(standing_state(robot), self._blind, np.zeros(3))  # the first call takes long
         self._stopping_ns: int | None = None
         self._footing: Footing | None = None
 
@@ -146,19 +146,17 @@ class Walker:
             self._targets = self._from + risen * (self._pose - self._from)
         elif self._acted_ns < 0 or state.time_ns - self._acted_ns >= self._period_ns:
             told = self._blind if self._described.blind else heights[self._places]
-            self._act(state, told, self._stuck.lead(state, velocity))
+            self._act(state, told, self._stuck.lead(state, self._described.obeyed(velocity)))
             self._acted_ns = state.time_ns
 
-    def _act(self, state: RobotState, heights: Floats, velocity: PlanarVelocity) -> None:
+    def _act(self, state: RobotState, heights: Floats, velocity: Floats) -> None:
         vector = self._observer.vector(self._sensed(state, heights, velocity))
         self._action = self._policy(self._with_history(vector)[None])[0].astype(np.float64)
         ours = np.zeros(len(JOINTS))
         ours[self._described.order] = self._action
         self._targets = joint_targets(self._pose, self._scale, ours)
 
-    def _sensed(
-        self, state: RobotState, heights: Floats, velocity: PlanarVelocity
-    ) -> WalkerReadings:
+    def _sensed(self, state: RobotState, heights: Floats, velocity: Floats) -> WalkerReadings:
         rotation = rotation_matrix(state.quaternion_base_in_world)
         return WalkerReadings(
             linear_velocity=state.velocity_base_in_world @ rotation,

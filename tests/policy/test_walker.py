@@ -152,6 +152,7 @@ def test_a_robot_that_does_not_follow_its_command_is_led_the_other_way(
     [
         (AHEAD, 1.1 * STUCK_SHARE),
         (AHEAD, 1.2),
+        ((9.0, 0.0, 0.0), 1.1 * STUCK_SHARE * OURS.command_high[0] / 9.0),  # as fast as it can
         ((0.0, 0.0, 0.5), 1.1 * STUCK_SHARE),
         ((0.05, 0.0, 0.0), 0.0),
         (AT_REST, 0.0),
@@ -161,7 +162,7 @@ def test_one_that_follows_or_is_to_stand_is_led_as_it_is_told(
     policy: Noted, velocity: PlanarVelocity, share: float
 ) -> None:
     asked = asked_for(policy, Walker(ROBOT, policy), velocity, share)
-    np.testing.assert_allclose(asked, np.array(velocity) * np.ones((len(asked), 1)), atol=1e-6)
+    np.testing.assert_allclose(asked, OURS.obeyed(velocity) * np.ones((len(asked), 1)), atol=1e-6)
 
 
 @pytest.mark.parametrize("start", range(6))
@@ -182,7 +183,8 @@ def test_a_robot_that_comes_no_farther_is_led_back_and_reaches_its_goal(start: i
             velocity_base_in_world=np.array([ahead_mps, 0.0, 0.0]),
             angular_velocity_base=np.array([0.0, 0.0, turn_rps]),
         )
-        ahead_mps, _, turn_rps = watch.lead(here, (wish.ahead_mps, wish.left_mps, wish.turn_rps))
+        wished = np.array([wish.ahead_mps, wish.left_mps, wish.turn_rps])
+        ahead_mps, _, turn_rps = watch.lead(here, wished)
         if ahead_mps < 0.0:
             assert backs or time_s - since_s > 1e-9 * STUCK_NS * (1.0 - STUCK_SHARE)
             backs += 1
