@@ -1,54 +1,62 @@
 """A robot that does not follow its command is led the other way for a moment."""
 
+import math
+
 import numpy as np
 
 from saltus.arrays import Floats
 from saltus.policy.joints.description import LEAST_COMMAND
-from saltus.rotations import rotation_matrix
+from saltus.rotations import roll_pitch_yaw, rotation_matrix
 from saltus.wire.messages import RobotState
 
-STUCK_NS, STUCK_SHARE = 1_000_000_000, 0.15
-"""Time in which a robot that is stuck follows its command by less than this share. Some policies
-stand still before a step, or with a foot caught behind it, and go on so: they see the same for
-good (docs/history.md, "Robots that stop before a step")."""
+MEMORY_S, STUCK_SHARE = 0.6, 0.2
+"""Memory of the mean share of its command that a robot follows [s], and the share at which it is
+stuck: 1 s after it stopped. Some policies stand still before a step, or with a foot caught behind
+it, and go on so: they see the same for good (docs/history.md, "Robots that stop before a step")."""
 BACK_NS, BACK_SPEED = 1_000_000_000, 0.3
 """For so long it is led the other way, so fast at most [m/s, rad/s]; then it comes by other steps
 to what stopped it."""
+LONGEST_NS = 100_000_000
+"""After states that are farther apart, or a time in which it was not led, all begins anew."""
+SAME_WAY = 0.5
+"""Least cosine between a command and the one before; one that leads elsewhere begins anew."""
 
 
 class StuckWatch:
     """Watches how a robot follows its command, while a policy moves it."""
 
     def __init__(self) -> None:
-        self._last_ns: int | None = None
+        self._last_ns = -LONGEST_NS
+        self._last = np.zeros(3)
         self._back_until_ns = 0
+        self._share = 1.0
 
     def lead(self, state: RobotState, command: Floats) -> Floats:
         """The velocity that a policy is asked for: that of the command, or the other way.
 
         States come in order. A command is one that the policy can follow, ahead, to the left [m/s]
-        and of turning [rad/s]; below `LEAST_COMMAND` nothing is watched.
+        and of turning [rad/s], in the frame of the base turned level; below `LEAST_COMMAND` nothing
+        is watched.
         """
-        speed = float(np.linalg.norm(command))
-        if self._last_ns is None or speed <= LEAST_COMMAND:
-            self._begin(state.time_ns)
-            self._back_until_ns = 0
+        passed_ns, speed = state.time_ns - self._last_ns, float(np.linalg.norm(command))
+        goes_on = command @ self._last > SAME_WAY * speed * np.linalg.norm(self._last)
+        self._last_ns, self._last = state.time_ns, command
+        if passed_ns > LONGEST_NS or speed <= LEAST_COMMAND or not goes_on:
+            self._share, self._back_until_ns = 1.0, 0
             return command
         if state.time_ns < self._back_until_ns:
-            self._begin(state.time_ns)
             return np.asarray(-command * min(1.0, BACK_SPEED / speed))
-        passed_s = 1e-9 * (state.time_ns - self._last_ns)
-        self._last_ns = state.time_ns
-        linear = state.velocity_base_in_world @ rotation_matrix(state.quaternion_base_in_world)
-        moved = np.array([*linear[:2], state.angular_velocity_base[2]])
-        self._followed += passed_s * float(moved @ command)
-        self._asked += passed_s * float(command @ command)
-        if state.time_ns - self._since_ns >= STUCK_NS:
-            if self._followed < STUCK_SHARE * self._asked:
-                self._back_until_ns = state.time_ns + BACK_NS
-            self._begin(state.time_ns)
+        follows = float(np.clip(_motion(state) @ command / speed**2, 0.0, 1.0))
+        self._share += (follows - self._share) * 1e-9 * passed_ns / MEMORY_S
+        if self._share < STUCK_SHARE:
+            self._share, self._back_until_ns = 1.0, state.time_ns + BACK_NS
         return command
 
-    def _begin(self, time_ns: int) -> None:
-        self._since_ns = self._last_ns = time_ns
-        self._followed = self._asked = 0.0
+
+def _motion(state: RobotState) -> Floats:
+    """Velocity ahead and to the left [m/s] and of turning [rad/s], as commands say it."""
+    yaw = float(roll_pitch_yaw(rotation_matrix(state.quaternion_base_in_world))[2])
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    x, y = state.velocity_base_in_world[:2]
+    turn = state.angular_velocity_base[2]
+    return np.array([cosine * x + sine * y, cosine * y - sine * x, turn])

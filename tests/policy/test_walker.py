@@ -13,7 +13,7 @@ from saltus.drive.goals import Goals
 from saltus.errors import ModelError
 from saltus.policy.joints.footing import BEARS_NS, LONGEST_NS
 from saltus.policy.joints.policy import JointPolicy
-from saltus.policy.joints.stuck import BACK_NS, BACK_SPEED, STUCK_NS, STUCK_SHARE, StuckWatch
+from saltus.policy.joints.stuck import BACK_NS, BACK_SPEED, MEMORY_S, STUCK_SHARE, StuckWatch
 from saltus.policy.joints.walker import (
     CAUGHT_MPS,
     CAUGHT_NS,
@@ -130,21 +130,26 @@ def asked_for(policy: Noted, walker: Walker, velocity: PlanarVelocity, share: fl
     return np.array(policy.given)[:, 6:9]
 
 
+STUCK_S = -MEMORY_S * np.log(STUCK_SHARE)
+"""After which a robot that stands is stuck."""
+
+
 @pytest.mark.parametrize("velocity", [AHEAD, (0.0, 0.0, 0.5), (-0.2, 0.0, 0.0), (1.0, 0.0, 0.0)])
-@pytest.mark.parametrize("share", [-0.2, 0.0, 0.9 * STUCK_SHARE])
+@pytest.mark.parametrize("share", [-0.2, 0.0])
 def test_a_robot_that_does_not_follow_its_command_is_led_the_other_way(
     policy: Noted, velocity: PlanarVelocity, share: float
 ) -> None:
     """Again and again, with as long a time between in which it is led as it is told."""
     asked, told = asked_for(policy, Walker(ROBOT, policy), velocity, share), np.array(velocity)
     back = -told * min(1.0, BACK_SPEED / np.linalg.norm(told))
-    period = (STUCK_NS + BACK_NS) // STEP_NS // 2  # the policy is asked at every other step
-    time = np.arange(len(asked)) % period * 2 * STEP_NS
     is_back = np.abs(asked - back).max(-1) < 1e-6
     np.testing.assert_allclose(asked[~is_back], told * np.ones((sum(~is_back), 1)), atol=1e-6)
-    clear = np.abs(time - STUCK_NS) > 4 * STEP_NS  # of the two asked for at its ends
-    clear &= (time > 4 * STEP_NS) & (time < period * 2 * STEP_NS - 4 * STEP_NS)
-    np.testing.assert_array_equal(is_back[clear], time[clear] > STUCK_NS)
+    lengths = np.diff(np.flatnonzero(np.diff(is_back))) * 2e-9 * STEP_NS  # of each turn in which
+    backs, between = lengths[::2], lengths[1::2]  # it is led back, and as it is told
+    assert len(backs) == len(between) + 1 == 2
+    assert np.argmax(is_back) * 2e-9 * STEP_NS == pytest.approx(STUCK_S, abs=0.05)
+    np.testing.assert_allclose(backs, 1e-9 * BACK_NS, atol=0.025)
+    np.testing.assert_allclose(between, STUCK_S, atol=0.05)
 
 
 @pytest.mark.parametrize(
@@ -163,6 +168,59 @@ def test_one_that_follows_or_is_to_stand_is_led_as_it_is_told(
 ) -> None:
     asked = asked_for(policy, Walker(ROBOT, policy), velocity, share)
     np.testing.assert_allclose(asked, OURS.obeyed(velocity) * np.ones((len(asked), 1)), atol=1e-6)
+
+
+def led(commands: Any, moves: float, start: float = 0.0) -> Any:
+    """What a robot is asked for that comes to the speed asked for with a time constant of `moves`
+    [s], by commands, shape (n, 3), 20 ms apart; NaN where it is not led.
+    """
+    watch, velocity, asked = StuckWatch(), np.array([start, 0.0, 0.0]), []
+    for step, command in enumerate(commands):
+        if np.isnan(command).any():
+            continue
+        here = replace(
+            standing_state(ROBOT),
+            time_ns=step * 2 * STEP_NS,
+            velocity_base_in_world=np.array([velocity[0], velocity[1], 0.0]),
+            angular_velocity_base=np.array([0.0, 0.0, velocity[2]]),
+        )
+        asked.append(watch.lead(here, command))
+        velocity = velocity + (asked[-1] - velocity) * min(1.0, 0.02 / moves)
+    return np.array(asked)
+
+
+@pytest.mark.parametrize("changes_s", [0.3, 0.6, 0.9, 1.1, 1.5])
+@pytest.mark.parametrize("then", [-0.5, -0.2, 0.0])
+@pytest.mark.parametrize("moves", [0.2, 1e9])
+def test_a_robot_that_is_told_otherwise_does_that_at_once(
+    changes_s: float, then: float, moves: float
+) -> None:
+    """Whether it moved, was stuck or was led back; then it has its time."""
+    commands = np.zeros((200, 3))
+    at = round(changes_s / 0.02)
+    commands[:at, 0], commands[at:, 0] = 0.5, then
+    asked = led(commands, moves)
+    np.testing.assert_array_equal(asked[at : at + 40], commands[at : at + 40])
+
+
+@pytest.mark.parametrize("before", [1.2, 1.0, 0.5])
+@pytest.mark.parametrize("after", [-0.2, -0.3, -0.8, 0.2])
+@pytest.mark.parametrize("moves", [0.1, 0.3])
+def test_a_robot_that_obeys_is_never_led_another_way(
+    before: float, after: float, moves: float
+) -> None:
+    for at in range(20, 90, 7):
+        commands = np.zeros((200, 3))
+        commands[:at, 0], commands[at:, 0] = before, after
+        np.testing.assert_array_equal(led(commands, moves, before), commands)
+
+
+@pytest.mark.parametrize("waits", [10, 35, 60])
+def test_time_in_which_a_robot_was_not_led_does_not_count(waits: int) -> None:
+    """As while its feet are let down, or its heights are gone."""
+    commands = np.tile([0.5, 0.0, 0.0], (200, 1))
+    commands[60 : 60 + waits] = np.nan
+    assert (led(commands, 0.4)[:, 0] > 0.0).all()
 
 
 @pytest.mark.parametrize("start", range(6))
@@ -186,7 +244,7 @@ def test_a_robot_that_comes_no_farther_is_led_back_and_reaches_its_goal(start: i
         wished = np.array([wish.ahead_mps, wish.left_mps, wish.turn_rps])
         ahead_mps, _, turn_rps = watch.lead(here, wished)
         if ahead_mps < 0.0:
-            assert backs or time_s - since_s > 1e-9 * STUCK_NS * (1.0 - STUCK_SHARE)
+            assert backs or time_s - since_s > STUCK_S - 0.05
             backs += 1
         elif is_stopped:
             ahead_mps = turn_rps = 0.0
@@ -202,7 +260,7 @@ def test_a_robot_that_is_led_back_stands_at_once_when_it_is_told(
 ) -> None:
     walker = Walker(ROBOT, policy)
     first = risen(walker)
-    stops = first + (STUCK_NS + BACK_NS // 2) // STEP_NS
+    stops = first + (round(1e9 * STUCK_S) + BACK_NS // 2) // STEP_NS
     for step in range(first, stops + 50):
         velocity = AHEAD if step < stops else told
         walker.plan(PlannerDecision(state=state(step), heights=LEVEL, velocity=velocity))
