@@ -31,11 +31,12 @@ MOST = 12.0
 """Squares of what is left over, by what is usual, count no more than this: a trunk that lies on an
 edge is held by more. With 4, small rests counted for almost as much as large ones: a healthy robot
 on stairs came to 0.78 of what named a hip."""
-HELD_AHEAD, HELD_UP = 0.35, 0.5
-"""Shares of the weight that are left over ahead or behind, and upwards, where something other than
-its feet holds a robot: nothing is learned then. With a leg caught behind a hurdle a healthy Go2 was
-held back by half of its weight, and came to 141 of what is evidence below (20 with this limit);
-flipped hips are named as soon with any limit from 0.3 to 0.45."""
+HELD_UP, HELD_AHEAD = 0.5, 0.35
+"""Shares of the weight that something other than its feet bears of a robot, with which what was
+learned is forgotten, and that holds it ahead or behind, with which nothing is learned. A leg that
+was caught behind a hurdle held a healthy Go2 back by half of its weight; its evidence (below) came
+to 141, and comes to 20 with this limit. Flipped hips are named as soon with limits from 0.3 to
+0.45, in walks and while it bounds."""
 DRIFT, ENOUGH = 0.3, 45.0
 """Evidence that is forgotten with each average, and that names a hip: healthy Go2 come to 34.4 in
 walks, turns on the spot, jumps, stops and pushes, with a flipped hip 64 of 64 to 105 or more in
@@ -75,8 +76,9 @@ class HipWatch:
             return ""
         left = self._left_over(states)
         ahead, _, up = left[0, :3] / self._weight
-        if up > HELD_UP or abs(ahead) > HELD_AHEAD:  # somebody or something else holds it
+        if up > HELD_UP:  # somebody or something else holds it
             self._against[:] = 0.0
+        if up > HELD_UP or abs(ahead) > HELD_AHEAD:
             return ""
         squares = ((left[:, ROWS] / USUAL) ** 2).sum(axis=-1)
         told, *others = np.minimum(squares, MOST)

@@ -43,7 +43,7 @@ def test_a_hip_is_named_whose_angle_does_not_leap(
 @pytest.mark.slow
 @pytest.mark.parametrize("ground", ["rubble", "stairs", "hurdles"])
 def test_no_hip_of_a_healthy_robot_is_named(ground: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Evidence against them stays below two thirds of what names one."""
+    """On these grounds evidence against them stays below two thirds of what names one."""
     watch, most = HipWatch(ROBOT), [0.0]
     read = MujocoRobot.read
 
