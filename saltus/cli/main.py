@@ -92,8 +92,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(arguments: Sequence[str]) -> int:
     try:
         # Before numpy is imported: its BLAS starts a thread for each core, of which one waits for
-        # the other in a loop. Beside two busy programs on two cores `real2sim find` took three
-        # times as long with them, and no less on idle cores (benchmarks/README.md).
+        # the other in a loop. Beside two busy programs on two cores `real2sim find` took two to
+        # three times as long with them, and no less on idle cores (benchmarks/README.md).
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         _ask_for_mujoco_gl()
         if list(arguments) == ["--version"]:
