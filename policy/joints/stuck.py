@@ -19,7 +19,8 @@ to what stopped it."""
 LONGEST_NS = 100_000_000
 """After states that are farther apart, or a time in which it was not led, all begins anew."""
 SAME_WAY = 0.5
-"""Least cosine between a command and the one before; one that leads elsewhere begins anew."""
+"""Least cosine between a command and the one with which it was begun to watch; with one that leads
+elsewhere all begins anew."""
 
 
 class StuckWatch:
@@ -27,7 +28,7 @@ class StuckWatch:
 
     def __init__(self) -> None:
         self._last_ns = -LONGEST_NS
-        self._last = np.zeros(3)
+        self._first = np.zeros(3)
         self._back_until_ns = 0
         self._share = 1.0
 
@@ -35,18 +36,20 @@ class StuckWatch:
         """The velocity that a policy is asked for: that of the command, or the other way.
 
         States come in order. A command is one that the policy can follow, ahead, to the left [m/s]
-        and of turning [rad/s], in the frame of the base turned level; below `LEAST_COMMAND` nothing
-        is watched.
+        and of turning [rad/s], in the frame of the base turned level. What is watched is the way,
+        or the turning of a robot that turns on the spot; below `LEAST_COMMAND`, nothing.
         """
-        passed_ns, speed = state.time_ns - self._last_ns, float(np.linalg.norm(command))
-        goes_on = command @ self._last > SAME_WAY * speed * np.linalg.norm(self._last)
-        self._last_ns, self._last = state.time_ns, command
+        is_way = bool(np.linalg.norm(command[:2]) > LEAST_COMMAND)
+        told = np.where([is_way, is_way, not is_way], command, 0.0)
+        passed_ns, speed = state.time_ns - self._last_ns, float(np.linalg.norm(told))
+        goes_on = told @ self._first > SAME_WAY * speed * np.linalg.norm(self._first)
+        self._last_ns = state.time_ns
         if passed_ns > LONGEST_NS or speed <= LEAST_COMMAND or not goes_on:
-            self._share, self._back_until_ns = 1.0, 0
+            self._first, self._share, self._back_until_ns = told, 1.0, 0
             return command
         if state.time_ns < self._back_until_ns:
-            return np.asarray(-command * min(1.0, BACK_SPEED / speed))
-        follows = float(np.clip(_motion(state) @ command / speed**2, 0.0, 1.0))
+            return np.asarray(-told * min(1.0, BACK_SPEED / speed))
+        follows = float(np.clip(_motion(state) @ told / speed**2, 0.0, 1.0))
         self._share += (follows - self._share) * 1e-9 * passed_ns / MEMORY_S
         if self._share < STUCK_SHARE:
             self._share, self._back_until_ns = 1.0, state.time_ns + BACK_NS

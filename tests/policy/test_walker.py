@@ -141,7 +141,8 @@ def test_a_robot_that_does_not_follow_its_command_is_led_the_other_way(
 ) -> None:
     """Again and again, with as long a time between in which it is led as it is told."""
     asked, told = asked_for(policy, Walker(ROBOT, policy), velocity, share), np.array(velocity)
-    back = -told * min(1.0, BACK_SPEED / np.linalg.norm(told))
+    way = np.where([True, True, not told[:2].any()], told, 0.0)
+    back = -way * min(1.0, BACK_SPEED / np.linalg.norm(way))
     is_back = np.abs(asked - back).max(-1) < 1e-6
     np.testing.assert_allclose(asked[~is_back], told * np.ones((sum(~is_back), 1)), atol=1e-6)
     lengths = np.diff(np.flatnonzero(np.diff(is_back))) * 2e-9 * STEP_NS  # of each turn in which
@@ -201,6 +202,44 @@ def test_a_robot_that_is_told_otherwise_does_that_at_once(
     commands[:at, 0], commands[at:, 0] = 0.5, then
     asked = led(commands, moves)
     np.testing.assert_array_equal(asked[at : at + 40], commands[at : at + 40])
+
+
+@pytest.mark.parametrize("swings_s", [0.1, 0.3, 0.6, 1.2])
+@pytest.mark.parametrize("begins_s", [0.5, 1.1, 1.3])
+def test_a_stuck_robot_whose_command_swings_round_is_not_led_against_it(
+    begins_s: float, swings_s: float
+) -> None:
+    share = np.clip((0.02 * np.arange(200) - begins_s) / swings_s, 0.0, 1.0)
+    commands = np.zeros((200, 3))
+    commands[:, 0], commands[:, 1] = 0.5 * np.cos(np.pi * share), 0.5 * np.sin(np.pi * share)
+    asked = led(commands, 1e9)
+    arrived = round((begins_s + swings_s) / 0.02) + 1
+    assert (asked[arrived : arrived + 20, 0] < 0.0).all()
+
+
+@pytest.mark.parametrize("turns", [0.3, 0.8])
+@pytest.mark.parametrize("every_s", [0.1, 0.5, 5.0])
+def test_the_way_of_a_robot_that_is_to_go_and_to_turn_is_what_counts(
+    turns: float, every_s: float
+) -> None:
+    commands = np.tile([0.5, 0.0, turns], (100, 1))
+    commands[np.arange(100) % round(2.0 * every_s / 0.02) >= round(every_s / 0.02), 2] *= -1.0
+    watches, time_s = (StuckWatch(), StuckWatch()), 0.02 * np.arange(100)
+    standing = replace(standing_state(ROBOT), velocity_base_in_world=np.zeros(3))
+    for moves, watch in zip((0.0, 0.5), watches, strict=True):
+        asked = []
+        for now, command in zip(time_s, commands, strict=True):
+            here = replace(  # turns as told where it does not go, and not at all where it goes
+                standing,
+                time_ns=round(1e9 * now),
+                velocity_base_in_world=np.array([moves, 0.0, 0.0]),
+                angular_velocity_base=np.array([0.0, 0.0, 0.0 if moves else command[2]]),
+            )
+            asked.append(watch.lead(here, command))
+        is_back = np.array(asked)[:, 0] < 0.0
+        assert is_back.any() == (moves == 0.0)
+        if moves == 0.0:
+            assert time_s[np.argmax(is_back)] == pytest.approx(STUCK_S, abs=0.05)
 
 
 @pytest.mark.parametrize("before", [1.2, 1.0, 0.5])
