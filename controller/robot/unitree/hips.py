@@ -32,11 +32,11 @@ MOST = 12.0
 edge is held by more. With 4, small rests counted for almost as much as large ones: a healthy robot
 on stairs came to 0.78 of what named a hip."""
 HELD_UP, HELD_AHEAD = 0.5, 0.35
-"""Shares of the weight that something other than its feet bears of a robot, with which what was
-learned is forgotten, and that holds it ahead or behind, with which nothing is learned. A leg that
-was caught behind a hurdle held a healthy Go2 back by half of its weight; its evidence (below) came
-to 141, and comes to 20 with this limit. Flipped hips are named as soon with limits from 0.3 to
-0.45, in walks and while it bounds."""
+"""Forces from outside the feet, as shares of the weight. If one lifts the robot by more than the
+first, all evidence is forgotten; if one pushes it ahead or back by more than the second, no
+evidence is taken. A leg that was caught behind a hurdle held a healthy Go2 back by half of its
+weight; its evidence (below) came to 141, and comes to 20 with this limit. Flipped hips are named as
+soon with limits from 0.3 to 0.45, in walks and while it bounds."""
 DRIFT, ENOUGH = 0.3, 45.0
 """Evidence that is forgotten with each average, and that names a hip: healthy Go2 come to 34.4 in
 walks, turns on the spot, jumps, stops and pushes, with a flipped hip 64 of 64 to 105 or more in
