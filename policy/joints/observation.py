@@ -83,6 +83,21 @@ def gravity_in_base(rotation: Array) -> Array:
     return -rotation[..., 2, :]
 
 
+def in_command_frame(velocity: Places, rotation: Array) -> Places:
+    """A velocity of the world in the frame of commands: ahead, to the left, up; shape (..., 3).
+
+    Args:
+        velocity: World frame [m/s], shape (..., 3).
+        rotation: Base to world, shape (..., 3, 3).
+    """
+    xp = namespace(velocity)
+    ahead = rotation[..., :2, 0]
+    unit = ahead / xp.sqrt(xp.sum(ahead * ahead, axis=-1))[..., None]
+    cosine, sine = unit[..., 0], unit[..., 1]
+    x, y = velocity[..., 0], velocity[..., 1]
+    return xp.stack([cosine * x + sine * y, cosine * y - sine * x, velocity[..., 2]], -1)
+
+
 def joint_targets(pose: Array, scale: Array | float, action: Joints) -> Joints:
     """The angles that an action asks for [rad], shape (..., 12)."""
     return pose + scale * action

@@ -1,12 +1,11 @@
 """A robot that does not follow its command is led the other way for a moment."""
 
-import math
-
 import numpy as np
 
 from saltus.arrays import Floats
 from saltus.policy.joints.description import LEAST_COMMAND
-from saltus.rotations import roll_pitch_yaw, rotation_matrix
+from saltus.policy.joints.observation import in_command_frame
+from saltus.rotations import rotation_matrix
 from saltus.wire.messages import RobotState
 
 MEMORY_S, STUCK_SHARE = 0.6, 0.2
@@ -58,8 +57,6 @@ class StuckWatch:
 
 def _motion(state: RobotState) -> Floats:
     """Velocity ahead and to the left [m/s] and of turning [rad/s], as commands say it."""
-    yaw = float(roll_pitch_yaw(rotation_matrix(state.quaternion_base_in_world))[2])
-    cosine, sine = math.cos(yaw), math.sin(yaw)
-    x, y = state.velocity_base_in_world[:2]
-    turn = state.angular_velocity_base[2]
-    return np.array([cosine * x + sine * y, cosine * y - sine * x, turn])
+    rotation = rotation_matrix(state.quaternion_base_in_world)
+    ahead, left, _ = in_command_frame(state.velocity_base_in_world, rotation)
+    return np.array([ahead, left, state.angular_velocity_base[2]])

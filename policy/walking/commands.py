@@ -1,4 +1,4 @@
-"""Velocity commands: drawn, and in the frame in which they are followed.
+"""Velocity commands of trainings: drawn, and as they hold now.
 
 A command is velocity ahead and to the left [m/s] and turning to the left [rad/s], in the frame of
 the base turned level. On wide ground it leads in any direction; on ground that leads along x the
@@ -67,18 +67,3 @@ def command_now(
     turn = xp.where(wide, drawn[:, 2], held)
     command = xp.stack([drawn[:, 0], drawn[:, 1], turn], -1)
     return xp.where(standing[:, None], xp.zeros_like(command), command)
-
-
-def in_command_frame(velocity: Places, rotation: Array) -> Places:
-    """A velocity of the world in the frame of commands: ahead, to the left, up; shape (..., 3).
-
-    Args:
-        velocity: World frame [m/s], shape (..., 3).
-        rotation: Base to world, shape (..., 3, 3).
-    """
-    xp = namespace(velocity)
-    ahead = rotation[..., :2, 0]
-    unit = ahead / xp.sqrt(xp.sum(ahead * ahead, axis=-1))[..., None]
-    cosine, sine = unit[..., 0], unit[..., 1]
-    x, y = velocity[..., 0], velocity[..., 1]
-    return xp.stack([cosine * x + sine * y, cosine * y - sine * x, velocity[..., 2]], -1)

@@ -26,11 +26,12 @@ from saltus.policy.joints.observation import (
     ObservationMaker,
     WalkerReadings,
     gravity_in_base,
+    in_command_frame,
     joint_targets,
     standing_height,
 )
 from saltus.policy.walking import commands, starts
-from saltus.policy.walking.commands import command_now, draw_command, in_command_frame
+from saltus.policy.walking.commands import command_now, draw_command
 from saltus.policy.walking.course_field import CourseField, in_trench
 from saltus.policy.walking.description import POLICY_HZ, SIZE, description_of
 from saltus.policy.walking.scan_errors import ScanErrors

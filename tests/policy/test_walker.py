@@ -118,7 +118,9 @@ def test_it_gets_up_to_its_pose_and_holds_still_until_the_controller_follows(
 
 
 def asked_for(policy: Noted, walker: Walker, velocity: PlanarVelocity, share: float) -> Any:
-    """What a policy is asked for in 4 s in which the robot follows its command by a share."""
+    """Velocities that a policy is asked for in 4 s in which a robot follows its command by a share,
+    shape (n, 3).
+    """
     first = risen(walker, velocity)
     policy.given.clear()
     moving = {
@@ -172,8 +174,8 @@ def test_one_that_follows_or_is_to_stand_is_led_as_it_is_told(
 
 
 def led(commands: Any, moves: float, start: float = 0.0) -> Any:
-    """What a robot is asked for that comes to the speed asked for with a time constant of `moves`
-    [s], by commands, shape (n, 3), 20 ms apart; NaN where it is not led.
+    """Velocities that a robot is asked for by commands, shape (n, 3), 20 ms apart; NaN where it is
+    not led. It comes to the speed asked for with a time constant of `moves` [s].
     """
     watch, velocity, asked = StuckWatch(), np.array([start, 0.0, 0.0]), []
     for step, command in enumerate(commands):
@@ -196,7 +198,7 @@ def led(commands: Any, moves: float, start: float = 0.0) -> Any:
 def test_a_robot_that_is_told_otherwise_does_that_at_once(
     changes_s: float, then: float, moves: float
 ) -> None:
-    """Whether it moved, was stuck or was led back; then it has its time."""
+    """It has its time then, if it moved, was stuck or was led back."""
     commands = np.zeros((200, 3))
     at = round(changes_s / 0.02)
     commands[:at, 0], commands[at:, 0] = 0.5, then

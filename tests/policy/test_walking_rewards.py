@@ -8,8 +8,9 @@ import torch
 from numpy_and_torch import both
 
 from saltus.policy.evaluation.tracking import tracking_errors
+from saltus.policy.joints.observation import in_command_frame
 from saltus.policy.walking import commands
-from saltus.policy.walking.commands import command_now, draw_command, in_command_frame
+from saltus.policy.walking.commands import command_now, draw_command
 from saltus.policy.walking.evaluation import SETTLING, STRIDE
 from saltus.policy.walking.settings import (
     VelocityCommandSettings,
