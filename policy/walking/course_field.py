@@ -18,6 +18,12 @@ BeamDojo's bound, there of points of the sole (arXiv 2502.10363).
 REACH_M = 0.2
 """Distance from the foot at which edges are looked for: gaps to step over are not wider."""
 
+EDGE_M = 0.05
+"""A foot so near to a drop, along x or y of the world, stands beside it; the width of edges in
+Extreme Parkour (arXiv 2309.14341)."""
+DROP_M = 0.25
+"""Ground so much lower than a foot's centre is a drop; deeper than a stair of any training."""
+
 
 def in_trench(boxes: Boxes, foot: Tensor) -> Tensor:
     """Feet that are low between edges along x, or between edges along y, of the world.
@@ -35,6 +41,15 @@ def in_trench(boxes: Boxes, foot: Tensor) -> Tensor:
     ahead, behind, left, right = boxes.height_at(around_x, around_y).chunk(4, -1)
     edge = torch.maximum(torch.minimum(ahead, behind), torch.minimum(left, right))
     return foot[..., 2] < edge - MISSED_M
+
+
+def beside_drop(boxes: Boxes, foot: Tensor) -> Tensor:
+    """Feet beside which the ground is `DROP_M` lower or more; as `in_trench`."""
+    x, y = foot[..., 0], foot[..., 1]
+    around_x = torch.cat([x + EDGE_M, x - EDGE_M, x, x], -1)
+    around_y = torch.cat([y, y, y + EDGE_M, y - EDGE_M], -1)
+    beside = boxes.height_at(around_x, around_y).unflatten(-1, (4, -1))
+    return beside.amin(-2) < foot[..., 2] - DROP_M
 
 
 class CourseField:

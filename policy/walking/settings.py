@@ -115,6 +115,8 @@ class WalkRewardSettings:
     collision: float = -1.0
     missed: float = -1.0
     """A foot that stands in a gap between stones, for each, as BeamDojo's; weighs like a knee."""
+    edge: float = 0.0
+    """A foot that stands beside a drop, for each: it has no room for an error of the next one."""
     hip: float = -0.1
     """Abduction away from the pose: feet stay below the hips."""
     still: float = -0.5
@@ -130,6 +132,8 @@ class WalkRewardSettings:
 class ScanErrorSettings:
     """Errors of heights, as of the shipped scan on the Go1's mount (models/scan.md)."""
 
+    exact: float = 0.0
+    """Share of the robots that are told true heights, without errors and of the same moment."""
     image_hz: float = 30.0
     """Heights are held from image to image; the D435i's rate."""
     seen_m: float = 0.0196
@@ -157,7 +161,7 @@ class ScanErrorSettings:
 
     def __post_init__(self) -> None:
         check_between(self, image_hz=(SMALLEST, 50.0), seen_m=(0.0, 1.0), unseen=(0.0, 10.0))
-        check_between(self, seen_x_m=(-10.0, 10.0), seen_y_m=(0.0, 10.0))
+        check_between(self, exact=(0.0, 1.0), seen_x_m=(-10.0, 10.0), seen_y_m=(0.0, 10.0))
         check_between(self, change_m=(SMALLEST, LARGEST), shift_m=(0.0, 1.0), filled=(0.0, 1.0))
 
 

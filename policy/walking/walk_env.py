@@ -32,7 +32,7 @@ from saltus.policy.joints.observation import (
 )
 from saltus.policy.walking import commands, starts
 from saltus.policy.walking.commands import command_now, draw_command
-from saltus.policy.walking.course_field import CourseField, in_trench
+from saltus.policy.walking.course_field import CourseField, beside_drop, in_trench
 from saltus.policy.walking.description import POLICY_HZ, SIZE, description_of
 from saltus.policy.walking.scan_errors import ScanErrors
 from saltus.policy.walking.settings import WalkSettings
@@ -97,6 +97,9 @@ class WalkEnv(TrainingEnv):
         self.ground = CourseField(config.ground, self.memory.time_s)
         self._is_kind = torch.stack([kind == k for k in range(len(config.ground.shares))]).float()
         self._scan_errors = ScanErrors(config.scan)
+        # of any robots that follow each other, which share a family, the same share
+        so_far = (torch.arange(self.count + 1, device=self.device) * config.scan.exact).floor()
+        self._is_exact = so_far.diff() > 0.0
         self._observer = ObservationMaker(description)
         profile = load_profile(config.profile, self.robot)
         self._body = profile.body_chain
@@ -201,6 +204,7 @@ class WalkEnv(TrainingEnv):
                 foot_speed_squared=(foot_velocity[..., :2] ** 2).sum(-1),
                 leg_touching=touching[:, 4:12],
                 foot_missed=touching[:, :4] & in_trench(self._boxes(), place),
+                foot_beside_drop=touching[:, :4] & beside_drop(self._boxes(), place),
                 failed=failed,
             ),
         )
@@ -344,10 +348,12 @@ class WalkEnv(TrainingEnv):
         error = self._scan_errors.changed(memory.error, fresh, moved, drawn.error)
         write_memory(memory, moved, error_pose=pose)
         write_memory(memory, command=command, phase=phase, pose=pose, error=error)
+        true = self._heights(pose)
         told = self._scan_errors.observed(self._heights(memory.image_pose), error, memory.shift)
+        told = torch.where(self._is_exact[:, None], true, told)
         if self.config.blind:
             told = torch.full_like(told, -self._height)
-        exact = self._observed(rotation, qpos, qvel, self._heights(pose), None)
+        exact = self._observed(rotation, qpos, qvel, true, None)
         actor = self._observed(rotation, qpos, qvel, told, _SENSORS.of(drawn.sensors))
         self.actor.copy_(torch.nan_to_num(actor))
         known = torch.cat(

@@ -49,6 +49,8 @@ class WalkRewardInputs:
     """Thigh or calf touches the ground, bool, shape (n, 8)."""
     foot_missed: Array
     """The foot stands in a trench that it should have stepped over, bool, shape (n, 4)."""
+    foot_beside_drop: Array
+    """The foot stands close to where the ground drops, bool, shape (n, 4)."""
     failed: Array
     """The episode ended with a fall, bool, shape (n,)."""
 
@@ -60,6 +62,9 @@ def walk_reward_terms(config: WalkRewardSettings, given: WalkRewardInputs) -> Ar
 
     def squared(values: Array) -> Scalars:
         return xp.sum(values * values, axis=-1)
+
+    def count(flags: Array) -> Scalars:
+        return xp.sum(xp.where(flags, 1.0 + 0.0 * zero[:, None], 0.0), axis=-1)
 
     asked = xp.sqrt(squared(given.command))
     # At 0.5 m/s, legged_gym's 0.25 pays robots that stand before a step 37 % of the whole
@@ -83,8 +88,9 @@ def walk_reward_terms(config: WalkRewardSettings, given: WalkRewardInputs) -> Ar
         "action_rate": squared(given.action - given.last_action),
         "air_time": moves * xp.sum(given.landed_after_s - AIR_TIME_S, axis=-1),
         "slip": xp.sum(slipping, axis=-1),
-        "collision": xp.sum(xp.where(given.leg_touching, 1.0 + 0.0 * zero[:, None], 0.0), axis=-1),
-        "missed": xp.sum(xp.where(given.foot_missed, 1.0 + 0.0 * zero[:, None], 0.0), axis=-1),
+        "collision": count(given.leg_touching),
+        "missed": count(given.foot_missed),
+        "edge": count(given.foot_beside_drop),
         "hip": squared(hips),
         "still": (1.0 - moves) * xp.sum(xp.abs(given.joint_offset), axis=-1),
         "end": xp.where(given.failed, 1.0 + zero, zero),

@@ -19,7 +19,15 @@ from saltus.policy.joints.observation import ObservationMaker, WalkerReadings, g
 from saltus.policy.joints.policy import JointPolicy
 from saltus.policy.training.learner import Learner
 from saltus.policy.training.train import Rank
-from saltus.policy.walking.course_field import MISSED_M, REACH_M, CourseField, in_trench
+from saltus.policy.walking.course_field import (
+    DROP_M,
+    EDGE_M,
+    MISSED_M,
+    REACH_M,
+    CourseField,
+    beside_drop,
+    in_trench,
+)
 from saltus.policy.walking.description import LAYOUT, SIZE, description_of, walking_pose
 from saltus.policy.walking.evaluation import evaluate_walk
 from saltus.policy.walking.export import DeployedWalk, make_walk_actor
@@ -145,6 +153,20 @@ def test_observations_are_what_the_engine_and_the_ground_say():
     torch.testing.assert_close(transition.actor[going], expected[going], atol=1e-4, rtol=0.0)
 
 
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.75, 1.0])
+def test_a_share_of_the_robots_of_each_family_is_told_true_heights(share):
+    scan = ScanErrorSettings(exact=share)
+    env = make_env(config=replace(CONFIG, env=replace(CONFIG.env, scan=scan)))
+    transition = env.step(0.2 * torch.ones(N, 12))
+    told, true = (
+        seen[:, SIZE - SCAN.size : SIZE] for seen in (transition.actor, transition.critic)
+    )
+    is_true = (told == true).all(-1)
+    for family in range(2):
+        robots = env.memory.kind == family
+        assert abs(is_true[robots].sum() - share * robots.sum()) < 1.0
+
+
 def test_the_same_seed_gives_the_same_run():
     def last(seed):
         env = make_env(seed)
@@ -252,6 +274,27 @@ def test_a_foot_missed_where_it_is_low_between_two_edges_and_not_on_a_step_down(
         foot = torch.stack([torch.as_tensor(across), along_y, torch.as_tensor(-depth)], -1)
         found = in_trench(boxes, foot[:, None].expand(n, 4, 3)).numpy()
         expected = (depth > MISSED_M) & (beyond == 0.0)
+        assert (found == expected[:, None]).all()
+
+
+def test_a_foot_is_beside_a_drop_where_the_ground_close_to_it_is_far_lower_and_not_in_the_trench():
+    rng, n = np.random.default_rng(8), 300
+    depth, across = rng.uniform(0.0, 0.6, n), rng.uniform(-0.2, 0.2, n)
+    for axis in (0, 1):  # a trench across x, and one across y, 0.2 m wide
+        place = np.array(
+            [[[-1.1, 0.0, -1.0], [1.1, 0.0, -1.0], [0.0, 0.0, -d - 1.0]] for d in depth]
+        )
+        size = np.array([[1.0, 9.0, 1.0], [1.0, 9.0, 1.0], [9.0, 9.0, 1.0]])
+        turned = [axis, 1 - axis, 2]
+        boxes = Boxes(
+            center=torch.tensor(place[..., turned]),
+            half_size=torch.tensor(size[:, turned]).expand(n, 3, 3),
+        )
+        foot = np.stack([across, rng.uniform(-1.0, 1.0, n), np.full(n, 0.02)], -1)
+        inside = np.abs(across) < 0.1
+        foot[inside, 2] -= depth[inside]
+        found = beside_drop(boxes, torch.tensor(foot[:, None, turned]).expand(n, 4, 3)).numpy()
+        expected = ~inside & (np.abs(across) < 0.1 + EDGE_M) & (depth + 0.02 > DROP_M)
         assert (found == expected[:, None]).all()
 
 

@@ -78,7 +78,7 @@ def inputs(n=40, seed=2):
     shapes |= dict.fromkeys(joints, 12) | {"landed_after_s": 4, "foot_speed_squared": 4}
     values = {name: rng.normal(size=(n, size)) for name, size in shapes.items()}
     flags = {"foot_touching": (n, 4), "leg_touching": (n, 8), "failed": (n,)}
-    flags["foot_missed"] = (n, 4)
+    flags |= {"foot_missed": (n, 4), "foot_beside_drop": (n, 4)}
     values |= {name: rng.uniform(size=shape) < 0.5 for name, shape in flags.items()}
     values["command"][: n // 4] *= 0.01
     return WalkRewardInputs(**values)
@@ -97,6 +97,7 @@ def in_a_mirror(given):
         "leg_touching": given.leg_touching[:, legs],
     }
     feet = ("landed_after_s", "foot_speed_squared", "foot_touching", "foot_missed")
+    feet += ("foot_beside_drop",)
     changed |= {name: getattr(given, name)[:, OTHER_SIDE] for name in feet}
     return replace(given, **changed)
 
