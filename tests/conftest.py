@@ -13,6 +13,8 @@ import pytest
 
 QUICK = Path(__file__).parent / "saltus"
 
+# As in commands: beside busy programs, torch's threads would wait for each other in a loop
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 if "PYTEST_XDIST_WORKER" in os.environ:
     # Torch and BLAS would start as many threads as there are cores in every worker, which would
     # wait for each other: training takes several times as long. Both read it when they are

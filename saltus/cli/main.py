@@ -91,10 +91,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(arguments: Sequence[str]) -> int:
     try:
-        # Before numpy is imported: its BLAS starts a thread for each core, of which one waits for
-        # the other in a loop. Beside two busy programs on two cores `real2sim find` took two to
-        # three times as long with them, and no less on idle cores (benchmarks/README.md).
+        # Before numpy and torch are imported, which start a thread for each core. One waits for the
+        # other in a loop, for nothing where another program has its core (benchmarks/README.md).
+        # BLAS has no other way to wait and gains nothing by its threads here; those of torch sleep.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+        os.environ.setdefault("OMP_WAIT_POLICY", "passive")
         _ask_for_mujoco_gl()
         if list(arguments) == ["--version"]:
             from saltus.provenance import current_commit, package_version

@@ -168,3 +168,16 @@ def test_numpy_computes_in_one_thread_unless_the_user_says_other(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
     ).stdout
     assert int(shown.splitlines()[-1]) == min(expected, len(os.sched_getaffinity(0)))
+
+
+@pytest.mark.parametrize("given", ["passive", "active"])
+def test_threads_of_torch_sleep_while_they_wait_unless_the_user_says_other(given: str) -> None:
+    """Threads that wait in a loop take a busy computer's time."""
+    code = "from saltus.cli.main import main\nmain(['--version'])\nimport torch"
+    said = {"OMP_WAIT_POLICY": given} if given == "active" else {}
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("OMP_")} | said
+    told = subprocess.run(
+        [sys.executable, "-c", code],
+        env=environment | {"OMP_DISPLAY_ENV": "true"}, capture_output=True, text=True, check=True,
+    ).stderr  # fmt: skip
+    assert f"OMP_WAIT_POLICY = '{given.upper()}'" in told
