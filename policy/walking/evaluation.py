@@ -107,5 +107,7 @@ def trained_with(policy: JointPolicy) -> WalkTrainSettings:
 
 
 def _on(config: WalkSettings, ground: str, exact: bool) -> WalkSettings:
-    scan = replace(config.scan, seen_m=0.0, unseen=0.0, shift_m=0.0) if exact else config.scan
-    return replace(config, ground=replace(config.ground, shares={ground: 1.0}), scan=scan)
+    scan = replace(config.scan, exact=1.0) if exact else config.scan
+    only = replace(config.ground, shares={ground: 1.0})
+    whole = replace(config.jump_start, share=0.0)  # no episode begins in a jump
+    return replace(config, ground=only, scan=scan, jump_start=whole)

@@ -399,6 +399,28 @@ def test_an_evaluation_counts_what_it_saw(model):
 
 
 @pytest.mark.parametrize("name", ["go1", "go2"])
+@pytest.mark.parametrize("exact", [False, True])
+def test_a_shipped_policy_is_evaluated_on_a_family_alone_and_no_episode_begins_in_a_jump(
+    name, exact, monkeypatch
+):
+    seen, at_first = [], []
+
+    def make(*given, **named):
+        seen.append(WalkEnv(*given, **named))
+        at_first.append(seen[-1].motion().clone())
+        return seen[-1]
+
+    monkeypatch.setattr("saltus.policy.walking.evaluation.WalkEnv", make)
+    path = shipped_file(f"models/walk_{name}.onnx")
+    for ground in ("stones", "stairs"):
+        score = evaluate_walk(path, ground, level=9, robots=4, seconds=2.0, seed=1, exact=exact)
+        assert score.walked_s == 8.0
+        told, true = (x[:, SIZE - SCAN.size : SIZE] for x in (seen[-1].actor, seen[-1].critic))
+        assert (told == true).all(-1).tolist() == 4 * [exact]
+        assert not at_first[-1].any()
+
+
+@pytest.mark.parametrize("name", ["go1", "go2"])
 def test_a_training_that_starts_from_a_file_acts_as_the_file_until_its_critic_has_learned(name):
     path = shipped_file(f"models/walk_{name}.onnx")
     config = replace(
