@@ -44,7 +44,15 @@ def in_trench(boxes: Boxes, foot: Tensor) -> Tensor:
 
 
 def beside_drop(boxes: Boxes, foot: Tensor) -> Tensor:
-    """Feet beside which the ground is `DROP_M` lower or more; as `in_trench`."""
+    """Feet with ground that is `DROP_M` lower or more within `EDGE_M`, along x or y of the world.
+
+    Args:
+        boxes: The ground of each robot, arrays of shape (n, boxes, ...).
+        foot: Their centres [m], shape (n, 4, 3).
+
+    Returns:
+        Bool, shape (n, 4).
+    """
     x, y = foot[..., 0], foot[..., 1]
     around_x = torch.cat([x + EDGE_M, x - EDGE_M, x, x], -1)
     around_y = torch.cat([y, y, y + EDGE_M, y - EDGE_M], -1)

@@ -91,9 +91,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(arguments: Sequence[str]) -> int:
     try:
-        # Before numpy and torch are imported, which start a thread for each core. One waits for the
-        # other in a loop, for nothing where another program has its core (benchmarks/README.md).
-        # BLAS has no other way to wait and gains nothing by its threads here; those of torch sleep.
+        # Before numpy and torch are imported, which start a thread for each core. Where another
+        # program has the core of one, the others wait for it in a loop, which takes many times as
+        # long (benchmarks/README.md). Torch's can sleep meanwhile; numpy's cannot, and save nothing
+        # on idle cores.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         os.environ.setdefault("OMP_WAIT_POLICY", "passive")
         _ask_for_mujoco_gl()
