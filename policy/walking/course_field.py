@@ -35,29 +35,24 @@ def in_trench(boxes: Boxes, foot: Tensor) -> Tensor:
     Returns:
         Bool, shape (n, 4).
     """
-    x, y = foot[..., 0], foot[..., 1]
-    around_x = torch.cat([x + REACH_M, x - REACH_M, x, x], -1)
-    around_y = torch.cat([y, y, y + REACH_M, y - REACH_M], -1)
-    ahead, behind, left, right = boxes.height_at(around_x, around_y).chunk(4, -1)
+    ahead, behind, left, right = _heights_around(boxes, foot, REACH_M).unbind(-2)
     edge = torch.maximum(torch.minimum(ahead, behind), torch.minimum(left, right))
     return foot[..., 2] < edge - MISSED_M
 
 
 def beside_drop(boxes: Boxes, foot: Tensor) -> Tensor:
-    """Feet with ground that is `DROP_M` lower or more within `EDGE_M`, along x or y of the world.
-
-    Args:
-        boxes: The ground of each robot, arrays of shape (n, boxes, ...).
-        foot: Their centres [m], shape (n, 4, 3).
-
-    Returns:
-        Bool, shape (n, 4).
+    """Feet with ground that is `DROP_M` lower or more within `EDGE_M`, along x or y of the world;
+    bool, shape (n, 4), of what `in_trench` takes.
     """
+    return _heights_around(boxes, foot, EDGE_M).amin(-2) < foot[..., 2] - DROP_M
+
+
+def _heights_around(boxes: Boxes, foot: Tensor, reach: float) -> Tensor:
+    """The ground ahead, behind, left and right of each foot [m], shape (n, 4 sides, 4 feet)."""
     x, y = foot[..., 0], foot[..., 1]
-    around_x = torch.cat([x + EDGE_M, x - EDGE_M, x, x], -1)
-    around_y = torch.cat([y, y, y + EDGE_M, y - EDGE_M], -1)
-    beside = boxes.height_at(around_x, around_y).unflatten(-1, (4, -1))
-    return beside.amin(-2) < foot[..., 2] - DROP_M
+    around_x = torch.cat([x + reach, x - reach, x, x], -1)
+    around_y = torch.cat([y, y, y + reach, y - reach], -1)
+    return boxes.height_at(around_x, around_y).unflatten(-1, (4, -1))
 
 
 class CourseField:
