@@ -107,7 +107,7 @@ def trained_with(policy: JointPolicy) -> WalkTrainSettings:
 
 
 def _on(config: WalkSettings, ground: str, exact: bool) -> WalkSettings:
-    scan = replace(config.scan, exact=1.0) if exact else config.scan
+    scan = replace(config.scan, exact=1.0 if exact else 0.0)
     only = replace(config.ground, shares={ground: 1.0})
     whole = replace(config.jump_start, share=0.0)  # no episode begins in a jump
     return replace(config, ground=only, scan=scan, jump_start=whole)
