@@ -97,7 +97,7 @@ class WalkEnv(TrainingEnv):
         self.ground = CourseField(config.ground, self.memory.time_s)
         self._is_kind = torch.stack([kind == k for k in range(len(config.ground.shares))]).float()
         self._scan_errors = ScanErrors(config.scan)
-        # evenly among the robots, so that every family, whose robots follow each other, has its share
+        # evenly among robots: those of a family follow each other, and each family has its share
         so_far = (torch.arange(self.count + 1, device=self.device) * config.scan.exact).floor()
         self._is_exact = so_far.diff() > 0.0
         self._observer = ObservationMaker(description)

@@ -1,0 +1,156 @@
+"""Laws of the ground of walking trainings, and of the heights that it is told with."""
+
+import numpy as np
+import pytest
+import torch
+from numpy_and_torch import both
+
+from saltus.grid import SCAN
+from saltus.policy.walking.course_field import (
+    DROP_M,
+    EDGE_M,
+    MISSED_M,
+    REACH_M,
+    CourseField,
+    beside_drop,
+    in_trench,
+)
+from saltus.policy.walking.scan_errors import ScanErrors
+from saltus.policy.walking.settings import (
+    GroundSettings,
+    ScanErrorSettings,
+)
+from saltus.terrain.boxes import Boxes
+
+
+def test_the_nearest_boxes_are_the_ground_below_a_robot_and_nearly_all_that_the_scan_sees():
+    config = GroundSettings(levels=2)
+    ground, rng = CourseField(config, torch.zeros(1)), np.random.default_rng(5)
+    course = torch.as_tensor(rng.integers(0, len(ground.table.finish_x), 600))
+    place = torch.as_tensor(rng.uniform(-0.8, 0.8, (600, 2)), dtype=torch.float32)
+    place[:, 0] = ground.table.finish_x[course] * torch.as_tensor(rng.uniform(size=600)).float()
+    yaw = torch.as_tensor(rng.uniform(-3.1, 3.1, 600)).float()
+    x, y = SCAN.points_in_world(place, yaw)
+    near = ground.near(course, place)
+    assert near.center.shape == (600, config.boxes, 3)
+    whole = ground.table.solid.of_robot(course)
+    wrong = (near.height_at(x, y) - whole.height_at(x, y)).abs() > 1e-4
+    below = torch.as_tensor((np.abs(SCAN.points) < [0.41, 0.31]).all(axis=1))
+    assert not wrong[:, below].any()
+    assert wrong.float().mean() < 0.003
+
+
+def test_a_foot_missed_where_it_is_low_between_two_edges_and_not_on_a_step_down():
+    rng, n = np.random.default_rng(7), 300
+    width, depth = rng.uniform(0.05, REACH_M, n), rng.uniform(0.0, 0.5, n)
+    across = rng.uniform(-0.49, 0.49, n) * width
+    for beyond in (0.0, -1.0):  # a trench, and a step down
+        boxes = Boxes(
+            center=torch.tensor([[
+                [-0.5 - 0.5 * w, 0.0, -1.0], [0.5 + 0.5 * w, 0.0, beyond * d - 1.0],
+                [0.0, 0.0, -d - 1.0]] for w, d in zip(width, depth, strict=True)]),
+            half_size=torch.tensor([[0.5, 3.0, 1.0], [0.5, 3.0, 1.0], [3.0, 3.0, 1.0]]).expand(
+                n, 3, 3),
+        )  # fmt: skip
+        along_y = torch.as_tensor(rng.uniform(-1.0, 1.0, n))
+        foot = torch.stack([torch.as_tensor(across), along_y, torch.as_tensor(-depth)], -1)
+        found = in_trench(boxes, foot[:, None].expand(n, 4, 3)).numpy()
+        expected = (depth > MISSED_M) & (beyond == 0.0)
+        assert (found == expected[:, None]).all()
+
+
+def test_a_foot_is_beside_a_drop_where_the_ground_close_to_it_is_far_lower_and_not_in_the_trench():
+    rng, n = np.random.default_rng(8), 300
+    depth, across = rng.uniform(0.0, 0.6, n), rng.uniform(-0.2, 0.2, n)
+    for axis in (0, 1):  # a trench across x, and one across y, 0.2 m wide
+        place = np.array(
+            [[[-1.1, 0.0, -1.0], [1.1, 0.0, -1.0], [0.0, 0.0, -d - 1.0]] for d in depth]
+        )
+        size = np.array([[1.0, 9.0, 1.0], [1.0, 9.0, 1.0], [9.0, 9.0, 1.0]])
+        turned = [axis, 1 - axis, 2]
+        boxes = Boxes(
+            center=torch.tensor(place[..., turned]),
+            half_size=torch.tensor(size[:, turned]).expand(n, 3, 3),
+        )
+        foot = np.stack([across, rng.uniform(-1.0, 1.0, n), np.full(n, 0.02)], -1)
+        inside = np.abs(across) < 0.1
+        foot[inside, 2] -= depth[inside]
+        found = beside_drop(boxes, torch.tensor(foot[:, None, turned]).expand(n, 4, 3)).numpy()
+        expected = ~inside & (np.abs(across) < 0.1 + EDGE_M) & (depth + 0.02 > DROP_M)
+        assert (found == expected[:, None]).all()
+
+
+def test_errors_of_heights_have_the_stated_spread_and_vanish_on_flat_ground():
+    config = ScanErrorSettings(shift_m=0.0, filled=0.0)
+    scan, rng, n = ScanErrors(config), np.random.default_rng(6), 400
+    every = np.ones(n, dtype=bool)
+    error = scan.changed(np.zeros((n, 187)), every, every, rng.uniform(size=(n, 187)))
+    uneven = rng.normal(0.0, 0.1, (n, 187))
+    seen = (SCAN.points[:, 0] >= config.seen_x_m) & (abs(SCAN.points[:, 1]) <= config.seen_y_m)
+    zero = np.zeros(n)
+    wrong = both(scan.observed, uneven, error, zero) - uneven
+    assert wrong[:, seen].std() == pytest.approx(config.seen_m, rel=0.05)
+    spread = config.unseen * np.abs(uneven).mean()
+    assert wrong[:, ~seen].std() == pytest.approx(spread, rel=0.1)
+    flat = scan.observed(0.0 * uneven, error, zero)
+    assert np.abs(flat).max() <= np.sqrt(3.0) * config.seen_m
+
+
+@pytest.mark.parametrize("filled", [0.0, 0.7, 1.0])
+@pytest.mark.parametrize("across", [0, 1])
+def test_a_share_of_the_points_in_gaps_of_one_spacing_is_told_as_high_as_the_edges(filled, across):
+    config = ScanErrorSettings(seen_m=0.0, unseen=0.0, shift_m=0.0, filled=filled)
+    scan, rng, n = ScanErrors(config), np.random.default_rng(8), 200
+    error, zero = rng.uniform(-1.0, 1.0, (n, 187)), np.zeros(n)
+    edge, depth = rng.normal(0.0, 0.1, (n, 1)), rng.uniform(0.02, 0.6, (n, 1))
+    place = rng.integers(2, 8, n)
+    for width in (1, 2):  # spacings; the wider gap is told as it is
+        row = np.indices(SCAN.shape)[across].ravel()
+        low = (row >= place[:, None]) & (row < place[:, None] + width)
+        truth = edge - np.where(low, depth, 0.0)
+        told = both(scan.observed, truth, error, zero)
+        np.testing.assert_array_equal(told[~low], truth[~low])
+        is_filled = low & (told > truth + 1e-9)
+        np.testing.assert_allclose(told[is_filled], np.broadcast_to(edge, low.shape)[is_filled])
+        inner = SCAN.shape[1 - across] - 2  # those at the rim are left as they are
+        deep = (depth[:, 0] > MISSED_M) & (width == 1)
+        share = is_filled.sum(1) / inner
+        assert share[~deep].max() == 0.0
+        if width == 1:
+            assert share[deep].mean() == pytest.approx(filled, abs=0.05)
+
+
+@pytest.mark.parametrize("change_m", [0.1, 0.3, 1.0])
+def test_errors_of_heights_stay_where_a_robot_stands_and_change_with_its_way(change_m):
+    scan, rng, n = ScanErrors(ScanErrorSettings(change_m=change_m)), np.random.default_rng(6), 400
+    none = np.zeros(n, dtype=bool)
+    begun = error = rng.uniform(-1.0, 1.0, size=(n, 187))
+    pose = start = rng.normal(size=(n, 4))
+    to = rng.uniform(-np.pi, np.pi, n)
+    ahead = 0.012 * np.stack([np.cos(to), np.sin(to), 0.0 * to, 0.0 * to], axis=-1)
+    place = start
+    for step in range(100):  # sways, then goes 0.6 m
+        way = ahead if step >= 50 else (-1.0) ** step * ahead
+        pose = pose + way
+        moved = both(scan.moved, pose, place)
+        place = np.where(moved[:, None], pose, place)
+        error = both(scan.changed, error, none, moved, rng.uniform(size=(n, 187)))
+        assert step >= 50 or (error == begun).all()
+    # A stride of 0.06 m, the first over the step of 0.05 m, renews a share of 0.05 / change_m
+    assert (error == begun).mean() == pytest.approx((1.0 - 0.05 / change_m) ** 10, abs=0.01)
+    assert error.std() == pytest.approx(1.0 / np.sqrt(3.0), rel=0.02)
+
+
+def test_a_robot_that_only_turns_moves_the_points_of_its_scan():
+    scan, zero = ScanErrors(ScanErrorSettings()), np.zeros((2, 4))
+    turned = np.array([[0.0, 0.0, 0.0, 0.05], [0.0, 0.0, 0.0, 0.15]])
+    assert both(scan.moved, turned, zero).tolist() == [False, True]
+
+
+@pytest.mark.parametrize("rate", [10.0, 30.0, 50.0])
+def test_images_arrive_at_their_rate(rate):
+    scan, phase, count = ScanErrors(ScanErrorSettings(image_hz=rate)), np.array([0.3]), 0
+    for _ in range(500):
+        phase, arrives = scan.arrives(phase)
+        count += int(arrives[0])
+    assert abs(count - 10.0 * rate) <= 1
