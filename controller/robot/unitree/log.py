@@ -1,6 +1,7 @@
 """Records what a robot says and is told, at full rate, as rosbag2 would name it."""
 
 import contextlib
+import math
 import time
 from collections import deque
 from pathlib import Path
@@ -8,14 +9,17 @@ from queue import Empty, SimpleQueue
 
 from saltus.controller.robot.unitree.link import COMMANDS, STATES, TYPES, ArrivedMessage
 from saltus.controller.robot.unitree.states import StateWatch
+from saltus.interrupts import WHOLE
 from saltus.recordings.cdr_log import CdrLog
 
 TOPICS = {COMMANDS: "/lowcmd", STATES: "/lowstate"}
 """ROS 2's names of the topics: without the `rt` that it puts before all."""
 WAIT_S = 0.1
-SEEN_NS = 5 * 10**9
-"""How far back the way of a message is compared: two clocks of quartz (20 ppm) drift apart by 0.1
-ms meanwhile."""
+TURN_S = 0.5
+"""Beside six busy programs a thread waits a tenth of that for its turn."""
+SEEN_NS, AHEAD_NS = 5 * 10**9, 10**9
+"""How far back and ahead the way of a message is compared: two clocks of quartz (20 ppm) drift
+apart by 0.1 ms meanwhile, and a computer that is busy has taken some in time."""
 
 
 def new_log(path: Path) -> CdrLog:
@@ -29,30 +33,47 @@ class ArrivalEstimator:
     A program that records takes them some ms late when its computer is busy, and then a command may
     seem to have come after the state that answers it. What passes between a message's two times
     (when it was sent, by its sender's clock, and when it was taken, by ours) is the difference of
-    the clocks, the way, and that lateness: the least of the last seconds has none.
+    the clocks, the way, and that lateness: the least of the seconds before and of the moment after
+    has none.
     """
 
     def __init__(self) -> None:
         self._least: deque[tuple[int, int]] = deque()
         """When messages were taken, and what had passed [ns]: both rise."""
+        self._held: deque[ArrivedMessage] = deque()
+        """Messages that wait for later ones."""
         self._sent_ns = self._arrival_ns = 0
 
-    def arrival_ns(self, arrived: ArrivedMessage) -> int:
-        """When the next message came [ns, as its `arrival_ns`]; never before an earlier one.
-
-        It is that at which it was taken where its sender tells no time.
-        """
+    def take(self, arrived: ArrivedMessage) -> list[tuple[int, ArrivedMessage]]:
+        """Takes the next message; returns those that have waited, as `rest` does."""
         taken_ns, passed_ns = arrived.arrival_ns, arrived.arrival_ns - arrived.sent_ns
-        if arrived.sent_ns <= self._sent_ns:
-            self._least.clear()  # its clock was set back
+        told, since_ns = [], arrived.sent_ns - self._sent_ns
+        if not 0 < since_ns < AHEAD_NS:  # its clock was set, or it has been silent
+            told = self.rest()
+        if since_ns <= 0:
+            self._least.clear()
         self._sent_ns = arrived.sent_ns
         while self._least and self._least[-1][1] >= passed_ns:
             self._least.pop()
         self._least.append((taken_ns, passed_ns))
+        self._held.append(arrived)
+        while self._held[0].arrival_ns < taken_ns - AHEAD_NS:
+            told.append(self._tell())
         while self._least[0][0] < taken_ns - SEEN_NS:
             self._least.popleft()
+        return told
+
+    def rest(self) -> list[tuple[int, ArrivedMessage]]:
+        """The messages that wait, in their order, and when they came [ns, as their `arrival_ns`].
+
+        None comes before an earlier one. One came when it was taken if its sender tells no time.
+        """
+        return [self._tell() for _ in range(len(self._held))]
+
+    def _tell(self) -> tuple[int, ArrivedMessage]:
+        arrived = self._held.popleft()
         self._arrival_ns = max(self._arrival_ns, arrived.sent_ns + self._least[0][1])
-        return self._arrival_ns
+        return self._arrival_ns, arrived
 
 
 def record_link(
@@ -63,24 +84,36 @@ def record_link(
 ) -> None:
     """Records what a link hears, for some seconds; `watch` counts the states.
 
+    After the end, and after Ctrl-C, it listens for half a second more: what came before may not have
+    been taken yet.
+
     Raises:
         RecordingError: the file cannot be written.
     """
     since_1970_ns = time.time_ns() - time.monotonic_ns()
-    until_s = time.monotonic() + seconds
     senders = {name: ArrivalEstimator() for name in TOPICS}
 
-    def write(name: str, arrived: ArrivedMessage) -> None:
-        arrival_ns = since_1970_ns + senders[name].arrival_ns(arrived)
-        log.write(TOPICS[name], arrived.payload, arrival_ns, arrived.sent_ns)
-        if name == STATES:
-            watch.take([arrived.payload], 1e-9 * arrived.arrival_ns)
+    def write(name: str, told: list[tuple[int, ArrivedMessage]], end_ns: float) -> None:
+        for arrival_ns, arrived in told:
+            if arrival_ns > end_ns:
+                return
+            log.write(TOPICS[name], arrived.payload, since_1970_ns + arrival_ns, arrived.sent_ns)
+            if name == STATES:
+                watch.take([arrived.payload], 1e-9 * arrived.arrival_ns)
 
-    try:
+    def listen(until_s: float, end_ns: float = math.inf) -> None:
         while time.monotonic() < until_s:
             log.flush()
-            with contextlib.suppress(Empty):
-                write(*arrivals.get(timeout=WAIT_S))
-    finally:  # after Ctrl-C, too: what has come already
-        for _ in range(arrivals.qsize()):
-            write(*arrivals.get())
+            with contextlib.suppress(Empty), WHOLE:  # Ctrl-C does not lose the one in hand
+                name, arrived = arrivals.get(timeout=WAIT_S)
+                write(name, senders[name].take(arrived), end_ns)
+
+    try:
+        listen(time.monotonic() + seconds)
+    finally:
+        end_ns = time.monotonic_ns()
+        try:
+            listen(time.monotonic() + TURN_S, end_ns)
+        finally:
+            for name, sender in senders.items():
+                write(name, sender.rest(), end_ns)

@@ -1,8 +1,13 @@
 """Logs of a robot's low level: whole, as ROS 2 names them, and as run logs."""
 
+import os
 import signal
+import threading
+import time
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -13,12 +18,14 @@ from unitree_processes import saltus, simulated
 
 from benchmarks.unitree_link.command import own_domain
 from benchmarks.unitree_link.in_memory import ROBOT, Run, tick
+from saltus.cli.stop_signals import ending_by_signals
 from saltus.constants import PHYSICS_DT
 from saltus.controller.control_loop import ControlLoop
 from saltus.controller.robot.unitree.link import COMMANDS, STATES, ArrivedMessage, UnitreeLink
-from saltus.controller.robot.unitree.log import TOPICS, ArrivalEstimator, new_log
+from saltus.controller.robot.unitree.log import TOPICS, ArrivalEstimator, new_log, record_link
 from saltus.controller.robot.unitree.messages import DEFINITIONS, LOW_COMMAND, LOW_STATE
 from saltus.controller.robot.unitree.robot import UnitreeRobot
+from saltus.controller.robot.unitree.states import StateWatch
 from saltus.errors import RecordingError
 from saltus.joint_command import JointCommand
 from saltus.real2sim.importers.importing import import_recording
@@ -27,9 +34,11 @@ from saltus.recordings.run_log import RunLog, read_run_log
 
 PATIENCE_S = 60.0
 ROWS = 60
+TRIALS, LATE_S = 6, 0.2
 START_NS = 1_700_000_000 * 10**9
 TICK_NS = round(1e9 * PHYSICS_DT)
 Rows = list[tuple[str, bytes, int]]
+Arrivals = SimpleQueue[tuple[str, ArrivedMessage]]
 
 
 @dataclass
@@ -164,6 +173,14 @@ def test_a_log_is_not_written_over(recorded: Recorded, tmp_path: Path) -> None:
         written(tmp_path, recorded.rows[:2], "ours")
 
 
+def arrivals_of(times_ns: Iterable[tuple[int, int]]) -> list[int]:
+    """When messages came that were taken, and sent, at these times [ns]."""
+    estimator, told = ArrivalEstimator(), []
+    for taken_ns, sent_ns in times_ns:
+        told += estimator.take(ArrivedMessage(b"", int(taken_ns), int(sent_ns)))
+    return [arrival_ns for arrival_ns, _ in told + estimator.rest()]
+
+
 @pytest.mark.parametrize("late_ms", [0.0, 3.0, 30.0])
 @pytest.mark.parametrize("drift", [-1e-4, 0.0, 1e-4])
 @pytest.mark.parametrize("set_ns", [0, 7 * 10**9, -7 * 10**9])
@@ -179,27 +196,50 @@ def test_messages_keep_the_order_in_which_they_were_sent_however_late_they_are_t
         came_ns = START_NS + ticks + offset_ns
         late_ns = rng.exponential(1e6 * late_ms, count).astype(np.int64)
         late_ns[rng.random(count) < 0.1] = 0  # often enough it is taken at once
-        late_ns[[0, *range(count // 2 - 100, count // 2 + 1)]] = 0
+        late_ns[[*range(200, 301), *range(count // 2 - 100, count // 2 + 1)]] = 0
         taken_ns = np.maximum.accumulate(came_ns + late_ns)
         sent_ns = START_NS // 2 + (ticks * (1.0 + drift)).astype(np.int64)
         sent_ns[count // 2 :] += set_ns
-        estimator = ArrivalEstimator()
-        found_ns = [
-            estimator.arrival_ns(
-                ArrivedMessage(payload=b"", arrival_ns=int(taken), sent_ns=int(sent))
-            )
-            for taken, sent in zip(taken_ns, sent_ns, strict=True)
-        ]
+        found_ns = arrivals_of(zip(taken_ns, sent_ns, strict=True))
         assert (np.diff(found_ns) >= 0).all(), seen
         off_ns = np.abs(np.array(found_ns) - came_ns)
         assert off_ns.max() <= TICK_NS // 8 + 1e9 * abs(drift) * 4.0, seen
 
 
 def test_messages_of_a_sender_without_a_clock_came_when_they_were_taken() -> None:
-    estimator = ArrivalEstimator()
-    for taken_ns in range(START_NS, START_NS + 10**9, TICK_NS):
-        arrived = ArrivedMessage(payload=b"", arrival_ns=taken_ns, sent_ns=0)
-        assert estimator.arrival_ns(arrived) == taken_ns
+    taken_ns = range(START_NS, START_NS + 3 * 10**9, TICK_NS)
+    assert arrivals_of((taken, 0) for taken in taken_ns) == list(taken_ns)
+
+
+def test_what_was_sent_before_ctrl_c_is_logged_and_nothing_else(
+    recorded: Recorded, tmp_path: Path
+) -> None:
+    """Ctrl-C comes between any two steps of the log; a thread of a busy computer hands on late what
+    was sent before.
+    """
+
+    def say(arrivals: Arrivals, watch: StateWatch, before: int) -> None:
+        sent_ns = time.time_ns()
+        for row, payload in enumerate(recorded.states):
+            if row == before:
+                while not arrivals.empty():
+                    time.sleep(0.0)
+                os.kill(os.getpid(), signal.SIGINT)
+                time.sleep(LATE_S)
+            arrivals.put((STATES, ArrivedMessage(payload, time.monotonic_ns(), sent_ns + row)))
+        later_ns = time.time_ns() + 10**9
+        arrivals.put((STATES, ArrivedMessage(payload, time.monotonic_ns(), later_ns)))
+
+    for trial in range(TRIALS):
+        arrivals, watch = Arrivals(), StateWatch()
+        sender = threading.Thread(target=say, args=(arrivals, watch, 1 + trial))
+        with ending_by_signals(), new_log(tmp_path / f"{trial}.mcap") as log:
+            sender.start()
+            with pytest.raises(KeyboardInterrupt):
+                record_link(arrivals, log, watch, PATIENCE_S)
+        sender.join()
+        assert log.counts[TOPICS[STATES]] == watch.health.states == ROWS
+        assert watch.health.lost == 0
 
 
 @pytest.mark.slow
