@@ -87,7 +87,7 @@ class Preflight(JsonOption, LinkOptions):
 
     For example:
       saltus robot preflight --interface enp3s0 --domain 0
-      saltus robot preflight --standing --json
+      saltus robot preflight --interface enp3s0 --domain 0 --standing --json
       saltus robot preflight --standing --recording runs/one/recording.mcap
     """
 
@@ -171,6 +171,26 @@ def refuse_unfit(link: "UnitreeLink", name: str, wait: "Callable[[], float]") ->
             )
 
 
+def refuse_real_robot(link: "UnitreeLink", why: str) -> None:
+    """Raises `StackError` where no simulated robot is met, or another robot, with the reason."""
+    import time
+
+    from saltus.controller.robot.unitree.link import MEETING_S, STATES, TRUTHS
+    from saltus.controller.robot.unitree.robot import CONNECT_S
+
+    since_s = time.monotonic()
+    while not link.others(TRUTHS):
+        waited_s = time.monotonic() - since_s
+        if waited_s > 4.0 * MEETING_S and link.others(STATES):
+            raise StackError(f"the robot is no `saltus robot simulate`: {why}")
+        if waited_s > CONNECT_S:
+            raise StackError(
+                f"no simulated robot came within {CONNECT_S:g} s: start `saltus robot simulate` with "
+                "the same --domain, --interface and --pace"
+            )
+        time.sleep(0.02)
+
+
 def await_person(name: str) -> None:
     """Returns when a person lets the robot rise."""
     input(f"Enter lets {name} rise; keep away from it. Ctrl-C ends it: ")
@@ -238,8 +258,8 @@ class RunRobot(PaceOptions, LinkOptions):
     and after Ctrl-C, it lands, stands, and is left damped: it sinks to the ground.
 
     For example:
-      saltus robot run --stage stand
-      saltus robot run --stage bound --seconds 3 --pace lockstep
+      saltus robot run --stage stand --interface enp3s0 --domain 0
+      saltus robot run --stage bound --seconds 3
       saltus robot run --stage joint_tour
     """
 
@@ -271,6 +291,8 @@ class RunRobot(PaceOptions, LinkOptions):
         robot = UnitreeRobot(link, kind, clock, limits=limits, lockstep=lockstep)
         wait = (lambda: 0.0) if lockstep else tick_function(clock)
         with contextlib.closing(robot):
+            if lockstep:
+                refuse_real_robot(link, "with --pace lockstep it is not checked; leave that out")
             MotionService(link).release(release_agreed(kind.name, begin=self.begin))
             if not lockstep:
                 refuse_unfit(link, kind.name, wait)

@@ -10,6 +10,7 @@ from saltus.cli.robot_link import (
     DomainOptions,
     await_person,
     need_dds,
+    refuse_real_robot,
     refuse_unfit,
     release_agreed,
     tick_function,
@@ -109,6 +110,9 @@ class Up(DomainOptions, RunOptions, NetworkOptions):
 
         link = UnitreeLink(self.domain, self.interface, sends=[REQUESTS], takes=[STATES, ANSWERS])
         with contextlib.closing(link):
+            refuse_real_robot(
+                link, "`saltus up` draws its camera's images; `saltus robot run` moves it"
+            )
             MotionService(link).release(release_agreed(self.robot, begin=self.begin))
             if self.pace == "realtime":  # in lockstep it says nothing unless it is told something
                 refuse_unfit(link, self.robot, tick_function(RunClock(speed=self.speed)))

@@ -120,6 +120,28 @@ def test_a_robot_in_another_process_is_released_and_no_command_comes_before() ->
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    "command", ["robot run --pace lockstep", "up --link dds", "up --link dds --pace lockstep"]
+)
+def test_a_robot_that_is_not_simulated_is_not_released_for_what_needs_a_simulated_one(
+    command: str, tmp_path: Path
+) -> None:
+    """It says states and answers, as a real one does, and no truth about itself."""
+    real = UnitreeLink(own_domain(), "lo", sends=[STATES, ANSWERS], takes=[REQUESTS, COMMANDS])
+    where = ("--domain", str(own_domain()), "--interface", "lo", "--begin", "--robot", "go2")
+    out = ("--out", str(tmp_path / "run")) if command.startswith("up") else ()
+    with saltus(*command.split(), *where, *out, stderr=subprocess.STDOUT) as run:
+        told, _ = run.communicate(timeout=PATIENCE_S)
+    assert run.returncode == 2, told
+    assert (
+        told.strip().splitlines()[-1].startswith("saltus: the robot is no `saltus robot simulate`")
+    )
+    assert not real.take(REQUESTS)
+    assert not real.take(COMMANDS)
+    real.close()
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["run", "preflight"])
 def test_a_robot_in_another_process_that_is_not_released_is_told_nothing(command: str) -> None:
     where = ("--domain", str(own_domain()), "--speed", "0.5")
