@@ -97,7 +97,7 @@ class Walker:
         """True until it is slow, within the times of `STOP_NS`, and rests over its feet;
         see `saltus.policy.mover.Mover.slows`.
         """
-        if state.mode not in (ControllerMode.WALK, ControllerMode.RUN):
+        if state.mode not in (*UNDER_WAY, ControllerMode.RUN):
             return False
         if self._stopping_ns is None:
             self._stopping_ns = state.time_ns

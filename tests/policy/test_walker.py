@@ -372,18 +372,25 @@ def test_a_robot_that_jumps_is_caught_at_once_and_led_on(
     np.testing.assert_allclose(aside, velocity[1], atol=1e-6)
 
 
+@pytest.mark.parametrize("coasts", [0, 1, 4])
 @pytest.mark.parametrize("speed", [0.0, 0.1, 0.3, 2.0])
 def test_it_comes_to_a_stand_before_it_rests_and_not_later_than_said(
-    policy: Noted, speed: float
+    policy: Noted, speed: float, coasts: int
 ) -> None:
+    """Also where plans were late meanwhile, for some steps."""
     walker = Walker(ROBOT, policy)
     known = {
         "velocity_base_in_world": np.array([0.0, speed, 0.0]),
         "joint_torque": bearing(ROBOT.stand_pose, np.full(4, 0.25)),
     }
     first = step = risen(walker)
-    while walker.slows(state(step, **known)):
-        walker.plan(PlannerDecision(state=state(step, **known), heights=LEVEL, velocity=AT_REST))
+
+    def here() -> RobotState:
+        late = 2 <= step - first < 2 + coasts
+        return state(step, ControllerMode.COAST if late else ControllerMode.WALK, **known)
+
+    while walker.slows(here()):
+        walker.plan(PlannerDecision(state=here(), heights=LEVEL, velocity=AT_REST))
         step += 1
     least, most = (ns // STEP_NS for ns in STOP_NS)
     expected = least + BEARS_NS // STEP_NS if speed < 0.15 else most + LONGEST_NS // STEP_NS
