@@ -226,17 +226,11 @@ class LogRobot(LinkOptions):
         path = self.out or new_folder("robot-log") / "log.mcap"
         watch = StateWatch()
         arrivals: SimpleQueue[tuple[str, ArrivedMessage]] = SimpleQueue()
-        with (
-            new_log(path) as log,
-            contextlib.closing(
-                UnitreeLink(
-                    self.domain,
-                    self.interface,
-                    takes=[*TOPICS],
-                    heard=lambda topic, arrived: arrivals.put((topic, arrived)),
-                )
-            ),
-        ):
+        link = UnitreeLink(
+            self.domain, self.interface, takes=[*TOPICS],
+            heard=lambda topic, arrived: arrivals.put((topic, arrived)),
+        )  # fmt: skip
+        with contextlib.closing(link), new_log(path) as log:
             print(f"recording into {path}; Ctrl-C ends it", flush=True)
             try:
                 record_link(arrivals, log, watch, self.seconds)

@@ -61,9 +61,9 @@ class CdrLog:
             channel_id=self._channels[topic], log_time=arrival_ns, publish_time=sent_ns,
             sequence=self.counts[topic], data=payload,
         )  # fmt: skip
-        self.counts[topic] += 1
         with WHOLE:
             self._do(lambda: self._writer.add_message(record))
+            self.counts[topic] += 1
 
     def flush(self) -> None:
         """Hands what was written to the operating system, if that is due:

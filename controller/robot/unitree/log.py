@@ -1,6 +1,5 @@
 """Records what a robot says and is told, at full rate, as rosbag2 would name it."""
 
-import contextlib
 import math
 import time
 from collections import deque
@@ -17,9 +16,9 @@ TOPICS = {COMMANDS: "/lowcmd", STATES: "/lowstate"}
 WAIT_S = 0.1
 TURN_S = 0.5
 """Beside six busy programs a thread waits a tenth of that for its turn."""
-SEEN_NS, AHEAD_NS = 5 * 10**9, 10**9
-"""How far back and ahead the way of a message is compared: two clocks of quartz (20 ppm) drift
-apart by 0.1 ms meanwhile, and a computer that is busy has taken some in time."""
+SEEN_NS, BEGINS_NS = 5 * 10**9, 10**9
+"""How far back the way of a message is compared: two clocks of quartz (20 ppm) drift apart by 0.1
+ms meanwhile. And the time in which even a computer that is busy takes some message at once."""
 
 
 def new_log(path: Path) -> CdrLog:
@@ -33,35 +32,33 @@ class ArrivalEstimator:
     A program that records takes them some ms late when its computer is busy, and then a command may
     seem to have come after the state that answers it. What passes between a message's two times
     (when it was sent, by its sender's clock, and when it was taken, by ours) is the difference of
-    the clocks, the way, and that lateness: the least of the seconds before and of the moment after
-    has none.
+    the clocks, the way, and that lateness: the least of the last seconds has none. At the beginning
+    there are none, so the first messages wait for those of a second.
     """
 
     def __init__(self) -> None:
         self._least: deque[tuple[int, int]] = deque()
         """When messages were taken, and what had passed [ns]: both rise."""
         self._held: deque[ArrivedMessage] = deque()
-        """Messages that wait for later ones."""
-        self._sent_ns = self._arrival_ns = 0
+        self._held_until_ns = self._sent_ns = self._arrival_ns = 0
 
     def take(self, arrived: ArrivedMessage) -> list[tuple[int, ArrivedMessage]]:
-        """Takes the next message; returns those that have waited, as `rest` does."""
-        taken_ns, passed_ns = arrived.arrival_ns, arrived.arrival_ns - arrived.sent_ns
-        told, since_ns = [], arrived.sent_ns - self._sent_ns
-        if not 0 < since_ns < AHEAD_NS:  # its clock was set, or it has been silent
+        """Takes the next message; returns what need not wait any longer, as `rest` does."""
+        told, taken_ns = [], arrived.arrival_ns
+        passed_ns = taken_ns - arrived.sent_ns
+        if arrived.sent_ns <= self._sent_ns:  # its clock was set back
             told = self.rest()
-        if since_ns <= 0:
             self._least.clear()
+        if not self._least:
+            self._held_until_ns = taken_ns + BEGINS_NS
         self._sent_ns = arrived.sent_ns
         while self._least and self._least[-1][1] >= passed_ns:
             self._least.pop()
         self._least.append((taken_ns, passed_ns))
-        self._held.append(arrived)
-        while self._held[0].arrival_ns < taken_ns - AHEAD_NS:
-            told.append(self._tell())
         while self._least[0][0] < taken_ns - SEEN_NS:
             self._least.popleft()
-        return told
+        self._held.append(arrived)
+        return told + self.rest() if taken_ns >= self._held_until_ns else told
 
     def rest(self) -> list[tuple[int, ArrivedMessage]]:
         """The messages that wait, in their order, and when they came [ns, as their `arrival_ns`].
@@ -104,16 +101,28 @@ def record_link(
     def listen(until_s: float, end_ns: float = math.inf) -> None:
         while time.monotonic() < until_s:
             log.flush()
-            with contextlib.suppress(Empty), WHOLE:  # Ctrl-C does not lose the one in hand
-                name, arrived = arrivals.get(timeout=WAIT_S)
-                write(name, senders[name].take(arrived), end_ns)
+            with WHOLE:  # Ctrl-C does not lose the one in hand
+                try:
+                    name, arrived = arrivals.get(timeout=WAIT_S)
+                except Empty:
+                    write_rest(end_ns)
+                else:
+                    write(name, senders[name].take(arrived), end_ns)
 
-    try:
-        listen(time.monotonic() + seconds)
-    finally:
+    def write_rest(end_ns: float) -> None:
+        for name, sender in senders.items():
+            write(name, sender.rest(), end_ns)
+
+    def end() -> None:
         end_ns = time.monotonic_ns()
         try:
             listen(time.monotonic() + TURN_S, end_ns)
         finally:
-            for name, sender in senders.items():
-                write(name, sender.rest(), end_ns)
+            write_rest(end_ns)
+
+    try:
+        listen(time.monotonic() + seconds)
+    except KeyboardInterrupt:
+        end()
+        raise
+    end()

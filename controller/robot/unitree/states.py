@@ -136,7 +136,7 @@ class StateWatch:
                 self.lose(f"its clock goes on, but {self._still} states say the same")
             if self._robot is not None:
                 self.lose(state_contradiction(message, last, self._robot))
-        if self._hips is not None and not self._still:
+        if self._hips is not None and not self._still and not self.fault:
             self.lose(self._hips.take(message))
         if self._robot is not None:
             self.doubt(hardware_trouble(message))
@@ -147,9 +147,10 @@ class StateWatch:
         self._states += 1
 
     def _note_gap(self, tick_ms: int, passed_ms: int) -> None:
-        if passed_ms <= TICK_MS:
+        missing = passed_ms // TICK_MS - 1
+        if missing <= 0:  # a clock that is read a millisecond late leaves no gap
             return
-        self._missing += passed_ms // TICK_MS - 1
+        self._missing += missing
         self._gaps_ms.append(tick_ms)
         taken_ms = tick_ms - self._gaps_ms[0]
         if len(self._gaps_ms) == GAPS and taken_ms <= 1000.0 * GAPS_S:

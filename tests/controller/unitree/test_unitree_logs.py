@@ -34,7 +34,7 @@ from saltus.recordings.run_log import RunLog, read_run_log
 
 PATIENCE_S = 60.0
 ROWS = 60
-TRIALS, LATE_S = 6, 0.2
+TRIALS, LATE_S, SILENT_S = 6, 0.2, 1.0
 START_NS = 1_700_000_000 * 10**9
 TICK_NS = round(1e9 * PHYSICS_DT)
 Rows = list[tuple[str, bytes, int]]
@@ -183,7 +183,7 @@ def arrivals_of(times_ns: Iterable[tuple[int, int]]) -> list[int]:
 
 @pytest.mark.parametrize("late_ms", [0.0, 3.0, 30.0])
 @pytest.mark.parametrize("drift", [-1e-4, 0.0, 1e-4])
-@pytest.mark.parametrize("set_ns", [0, 7 * 10**9, -7 * 10**9])
+@pytest.mark.parametrize("set_ns", [0, 7 * 10**9, -7 * 10**9, 3 * 10**8, -3 * 10**8])
 def test_messages_keep_the_order_in_which_they_were_sent_however_late_they_are_taken(
     late_ms: float, drift: float, set_ns: int
 ) -> None:
@@ -240,6 +240,23 @@ def test_what_was_sent_before_ctrl_c_is_logged_and_nothing_else(
         sender.join()
         assert log.counts[TOPICS[STATES]] == watch.health.states == ROWS
         assert watch.health.lost == 0
+
+
+def test_what_came_is_in_the_file_soon_after_a_robot_falls_silent(
+    recorded: Recorded, tmp_path: Path
+) -> None:
+    """However the program ends then: messages that wait for later ones do not wait for long."""
+    arrivals, written_then = Arrivals(), list[int]()
+    for row, payload in enumerate(recorded.states):
+        arrivals.put((STATES, ArrivedMessage(payload, time.monotonic_ns(), START_NS + row)))
+    with new_log(tmp_path / "log.mcap") as log:
+        look = threading.Timer(
+            0.5 * SILENT_S, lambda: written_then.append(log.counts[TOPICS[STATES]])
+        )
+        look.start()
+        record_link(arrivals, log, StateWatch(), SILENT_S)
+        look.join()
+    assert written_then == [ROWS]
 
 
 @pytest.mark.slow

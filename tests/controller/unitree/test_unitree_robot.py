@@ -13,7 +13,13 @@ from saltus.controller.robot.unitree.drives import (
     unitree_state_message,
 )
 from saltus.controller.robot.unitree.faults import AT_A_JOINT, KINDS, PlantedFault
-from saltus.controller.robot.unitree.messages import LOW_COMMAND, LOW_STATE, MOTORS, SERVO
+from saltus.controller.robot.unitree.messages import (
+    LOW_COMMAND,
+    LOW_STATE,
+    MOTORS,
+    SERVO,
+    UnitreeMessage,
+)
 from saltus.controller.robot.unitree.robot import UnitreeRobot
 from saltus.controller.robot.unitree.states import StateWatch
 from saltus.errors import ConfigError, StackError
@@ -147,6 +153,51 @@ def test_a_busy_moment_is_no_concern(states: int) -> None:
     assert watch.health.lost == 2 * states
     assert not watch.concern
     assert not watch.fault
+
+
+def moving_states(late_ms: list[int]) -> list[UnitreeMessage]:
+    """States of joints that swing about their stand pose, each so much late by the robot's clock."""
+    swing = 0.05 * np.arange(len(late_ms))[:, None] + np.arange(12)
+    sensed = SensorArrays(
+        quaternion_base_in_world=np.tile([1.0, 0.0, 0.0, 0.0], (len(late_ms), 1)),
+        angular_velocity_base=np.random.default_rng(0).normal(0.0, 0.01, (len(late_ms), 3)),
+        acceleration_base=np.tile([0.0, 0.0, 9.81], (len(late_ms), 1)),
+        joint_position=ROBOT.stand_pose + 0.05 * np.sin(swing),
+        joint_velocity=0.05 * 25.0 * np.cos(swing),
+    )
+    states = []
+    for row, late in enumerate(late_ms):
+        one = SensorArrays(**{name: values[row] for name, values in vars(sensed).items()})
+        states.append(unitree_state_message(one, np.zeros(12), ROBOT))
+        states[-1]["tick"] = 2 * (row + 1) + late
+        states[-1]["bms_state"]["soc"] = 80
+    return states
+
+
+@pytest.mark.parametrize("share", [0.05, 0.5, 1.0])
+def test_a_clock_that_is_read_a_millisecond_late_leaves_no_gap(share: float) -> None:
+    late_ms = (np.random.default_rng(1).random(500) < share).astype(int).tolist()
+    watch = StateWatch()
+    for row, state in enumerate(moving_states(late_ms)):
+        assert watch.take([LOW_STATE.sealed(state)], 2e-3 * row)
+        watch.judge(2e-3 * row)
+    assert (watch.concern, watch.fault, watch.health.lost) == ("", "", 0)
+
+
+@pytest.mark.parametrize("joints", [[2], [0, 1, 2], list(range(12))])
+def test_a_leg_that_says_zero_from_one_state_on_is_named_and_nothing_breaks(
+    joints: list[int],
+) -> None:
+    """As of motors that answer no more: a straight leg has no force on its foot to compute."""
+    watch = StateWatch(ROBOT)
+    for row, state in enumerate(moving_states([0] * 80)):
+        if row >= 30:
+            for part in ("q", "dq", "tau_est"):
+                state["motor_state"][part][joints] = 0.0
+        watch.take([LOW_STATE.sealed(state)], 2e-3 * row)
+        watch.judge(2e-3 * row)
+        assert bool(watch.fault) == (row >= 30)
+    assert "leaps by" in watch.fault
 
 
 def test_nothing_is_sent_while_another_program_commands_the_robot() -> None:
