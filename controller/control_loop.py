@@ -13,6 +13,7 @@ from saltus.constants import PHYSICS_DT
 from saltus.controller.gait import GaitSignal, standing_gait
 from saltus.controller.rising import RISE_S, rising_command
 from saltus.controller.robot.backend import RobotReading
+from saltus.controller.standing_feet import StandingFeet
 from saltus.controller.tick import ActingResult, TickLaw
 from saltus.controller.tracking import JointTargetTracking
 from saltus.controller.watchdog import WatchdogInput, WatchdogState, watchdog_step
@@ -62,6 +63,7 @@ class ControlLoop:
         self._settled = self._finite = False
         self._ground = self._tick.braking.init(LegKinematics(robot).position(robot.stand_pose))
         self._tracking = JointTargetTracking(robot, self._tick.compensation)
+        self._standing = StandingFeet(robot)
         self._last: ActingResult | None = None
         self._caught = False
         self._ticks = 0
@@ -189,11 +191,13 @@ class ControlLoop:
         if mode not in (ControllerMode.WALK, ControllerMode.LANDING):
             return acting.command
         reading = self._sensed_reading()
-        down = self._tracking.contact(reading.measurement, reading.joint_torque)
+        measured, torque = reading.measurement, reading.joint_torque
+        down = self._tracking.contact(measured, torque)
         if mode == ControllerMode.LANDING:  # feet touch down when the schedule does not say so
             self._gait = replace(acting.gait, trusted=acting.gait.trusted & down)
         elif isinstance(plan, JointPlan):
-            self._gait = replace(acting.gait, contact=down, trusted=down)
+            stands = self._standing.step(measured, torque, self._estimate.velocity_base_in_world)
+            self._gait = replace(acting.gait, contact=down, trusted=stands)
             return self._tracking.command(plan)
         return acting.command
 
