@@ -18,6 +18,11 @@ rubble and stairs were in the air, 0.1 to 2 % of those of a Go1 and a Go2 with t
 of the standing ones are found."""
 
 
+DOUBT_MPS2 = 3.0
+"""So fast grows the speed that is allowed while no foot stands: in flight, and where the velocity of
+the base is so wrong that feet at rest seem to move, which would go on for ever."""
+
+
 class StandingFeet:
     """Tells from tick to tick which feet surely stand: each bears a part of the weight, and rests.
 
@@ -28,6 +33,7 @@ class StandingFeet:
     def __init__(self, robot: Robot) -> None:
         self._legs, self._least_force = LegKinematics(robot), LEAST_SHARE * robot.mass * GRAVITY
         self._stood_s = np.zeros(4)
+        self._none_s = 0.0
 
     def step(
         self, measured: SensorReadings, torque: Joints, velocity_base_in_world: Vectors
@@ -41,10 +47,14 @@ class StandingFeet:
         """
         rotation = rotation_matrix(measured.quaternion_base_in_world)
         load = self._legs.load(measured.joint_position, torque, rotation[2])
-        rests = self._speeds(measured, rotation, velocity_base_in_world) < REST_MPS
-        stands = (load > self._least_force) & rests
-        self._stood_s = np.where(stands, self._stood_s + PHYSICS_DT, 0.0)
-        return np.asarray(self._stood_s > STANDS_S - 0.5 * PHYSICS_DT)
+        allowed = REST_MPS + DOUBT_MPS2 * self._none_s
+        rests = self._speeds(measured, rotation, velocity_base_in_world) < allowed
+        self._stood_s = np.where(
+            (load > self._least_force) & rests, self._stood_s + PHYSICS_DT, 0.0
+        )
+        stands = self._stood_s > STANDS_S - 0.5 * PHYSICS_DT
+        self._none_s = 0.0 if stands.any() else self._none_s + PHYSICS_DT
+        return np.asarray(stands)
 
     def _speeds(self, measured: SensorReadings, rotation: Floats, velocity: Floats) -> Floats:
         """Of the feet in the world [m/s], shape (4,)."""

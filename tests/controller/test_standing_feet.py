@@ -1,9 +1,12 @@
 """Feet surely stand that bear weight and rest, for as long as it takes to be sure."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from saltus.constants import GRAVITY, PHYSICS_DT
+from saltus.controller.estimator import Estimator
 from saltus.controller.standing_feet import LEAST_SHARE, STANDS_S, StandingFeet
 from saltus.robots.legs import LegKinematics
 from saltus.robots.loading import load_robot
@@ -45,3 +48,27 @@ def test_a_foot_stands_that_bears_weight_and_rests_and_no_other(robot, seed: int
         np.testing.assert_array_equal(stands, bears & rests & (tick + 1 >= TICKS))
     assert not feet.step(measured, np.zeros(12), velocity).any()
     assert not feet.step(measured, torque, velocity).any()  # it has to be sure again
+
+
+@pytest.mark.parametrize("wrong", [(2.0, 0.0, 0.0), (0.0, -1.0, 0.5), (0.4, 0.0, 0.0)])
+def test_a_velocity_that_is_wrong_does_not_last(wrong: tuple[float, float, float]) -> None:
+    """By it feet that stand seem to move, and no others tell of it."""
+    for robot in ROBOTS:
+        estimator, feet = Estimator(robot), StandingFeet(robot)
+        estimate = estimator.init((), robot.stand_pose)
+        estimate = replace(estimate, mean=estimate.mean + np.array([*wrong, 0.0]))
+        _, jacobian = LegKinematics(robot).position_and_jacobian(robot.stand_pose)
+        force = np.array([0.0, 0.0, 0.25 * robot.mass * GRAVITY])
+        torque = -(jacobian.mT @ force[:, None])[..., 0].ravel()
+        measured = SensorArrays(
+            quaternion_base_in_world=np.array([1.0, 0.0, 0.0, 0.0]),
+            angular_velocity_base=np.zeros(3),
+            acceleration_base=np.array([0.0, 0.0, GRAVITY]),
+            joint_position=robot.stand_pose,
+            joint_velocity=np.zeros(12),
+        )
+        for _ in range(round(2.0 / PHYSICS_DT)):
+            stands = feet.step(measured, torque, estimate.velocity_base_in_world)
+            estimate = estimator.step(measured, stands, estimate)
+        np.testing.assert_allclose(estimate.velocity_base_in_world, 0.0, atol=0.02)
+        assert stands.all()
