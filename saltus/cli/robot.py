@@ -10,6 +10,7 @@ import tyro
 from saltus.cli.output import JsonOption, print_json
 from saltus.cli.robot_link import LogRobot, Preflight, RunRobot
 from saltus.cli.robot_simulate import Simulate
+from saltus.cli.robot_states import TellStates
 from saltus.flags import CommandGroup, Subcommands, flag_help
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ class ListRobots:
 @dataclass(frozen=True, kw_only=True)
 class RobotCommands(CommandGroup):
     """Robots as Saltus knows them, and over their own protocol:
-    show, list, simulate, preflight, run, log.
+    show, list, simulate, preflight, run, log, states.
     """
 
     command: Subcommands[
@@ -82,6 +83,7 @@ class RobotCommands(CommandGroup):
         | Preflight
         | Annotated[RunRobot, tyro.conf.subcommand("run")]
         | Annotated[LogRobot, tyro.conf.subcommand("log")]
+        | Annotated[TellStates, tyro.conf.subcommand("states")]
     ]
 
 
