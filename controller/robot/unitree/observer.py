@@ -6,7 +6,7 @@ from saltus.controller.estimator import Estimator
 from saltus.controller.robot.backend import RobotReading
 from saltus.controller.robot.unitree.drives import reading_of
 from saltus.controller.robot.unitree.messages import UnitreeMessage
-from saltus.controller.robot.unitree.states import TICK_MS, LinkHealth, StateWatch
+from saltus.controller.robot.unitree.states import TICK_MS, StateWatch
 from saltus.controller.standing_feet import StandingFeet
 from saltus.robots.robot import Robot
 from saltus.states import ProprioceptionArrays, robot_state_message
@@ -17,6 +17,9 @@ STATE_MS = 10
 LONGEST_MS = 100
 """After so long a silence the velocity is estimated anew: until then the last reading stands for
 those that were lost."""
+
+OFF_UNIT = 0.01
+"""Norm of an attitude's quaternion, less 1, above which it is none."""
 
 
 class StateObserver:
@@ -31,16 +34,12 @@ class StateObserver:
         self._steps, self._taken_s = 0, 0.0
         self._begin()
 
-    @property
-    def health(self) -> LinkHealth:
-        """Counts since the robot was last heard anew."""
-        return self._watch.health
-
     def take(self, payload: bytes, now_s: float) -> bool:
         """Takes a state; True where one is due to be told: every 10 ms by the robot's clock.
 
         Args:
-            payload: As it travelled; it is left out if it is damaged, or older than the last one.
+            payload: As it travelled; it is left out if it is damaged, older than the last one, or
+                no measurement, as before the IMU has started.
             now_s: When it came [s], by any clock.
         """
         last = self._watch.message
@@ -50,7 +49,12 @@ class StateObserver:
         if not self._watch.take([payload], now_s) or self._watch.message is None:
             return False
         self._taken_s = now_s
-        return self._follow(self._watch.message, last)
+        reading = reading_of(self._watch.message, self._robot)
+        values = np.concatenate([*vars(reading.measurement).values(), reading.joint_torque])
+        turned = float(np.linalg.norm(reading.measurement.quaternion_base_in_world))
+        if not (np.isfinite(values).all() and abs(turned - 1.0) < OFF_UNIT):
+            return False
+        return self._follow(reading, self._watch.message, last)
 
     def state(self, time_ns: int) -> RobotState:
         """The newest state; its time in the run's clock is when it came."""
@@ -75,11 +79,12 @@ class StateObserver:
         self._estimate = self._estimator.init((), self._robot.stand_pose)
         self._standing, self._trusted = StandingFeet(self._robot), np.zeros(4, np.bool_)
 
-    def _follow(self, message: UnitreeMessage, last: UnitreeMessage | None) -> bool:
+    def _follow(
+        self, reading: RobotReading, message: UnitreeMessage, last: UnitreeMessage | None
+    ) -> bool:
         tick_ms = int(message["tick"])
         last_ms = tick_ms - TICK_MS if last is None else int(last["tick"])
-        self._reading = reading = reading_of(message, self._robot)
-        measured = reading.measurement
+        self._reading, measured = reading, reading.measurement
         for _ in range(max(1, min(tick_ms - last_ms, LONGEST_MS) // TICK_MS)):
             self._estimate = self._estimator.step(measured, self._trusted, self._estimate)
             self._trusted = self._standing.step(

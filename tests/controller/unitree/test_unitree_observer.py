@@ -10,6 +10,7 @@ from unitree_processes import saltus, simulated
 from benchmarks.unitree_link.command import own_domain
 from benchmarks.unitree_link.in_memory import ROBOT, Bounding
 from saltus.config import RunConfig
+from saltus.controller.robot.unitree.messages import LOW_STATE
 from saltus.controller.robot.unitree.observer import LONGEST_MS, StateObserver
 from saltus.controller.robot.unitree.truth import read_truth
 from saltus.named_setup import named_setup
@@ -80,6 +81,26 @@ def test_after_a_silence_it_begins_anew_also_with_a_clock_that_does(bounded) -> 
     assert not any(observer.take(said[row], late_s + 1.0) for row in range(400))  # older ones
     assert not observer.take(said[501][:-1], late_s + 1.0)
     np.testing.assert_allclose(observer.state(7).velocity_base_in_world, 0.0, atol=0.1)
+
+
+@pytest.mark.parametrize(
+    ("part", "field", "wrong"),
+    [
+        ("imu_state", "quaternion", 0.0), ("imu_state", "quaternion", np.nan),
+        ("imu_state", "accelerometer", np.inf), ("motor_state", "q", np.nan),
+    ],
+)  # fmt: skip
+def test_what_is_no_measurement_is_left_out(bounded, part: str, field: str, wrong: float) -> None:
+    """Of the first half of a stand, as of an IMU that has not started."""
+    said, _ = bounded
+    observer = StateObserver(ROBOT)
+    for row in range(1000):
+        message = LOW_STATE.read([said[row]])[0]
+        if row < 500:
+            message[part][field] = wrong
+        told = observer.take(LOW_STATE.sealed(message), row * TICK_S)
+        assert not (told and row < 500)
+    np.testing.assert_allclose(observer.state(0).velocity_base_in_world, 0.0, atol=0.1)
 
 
 @pytest.mark.slow
