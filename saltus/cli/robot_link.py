@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
@@ -173,8 +174,6 @@ def refuse_unfit(link: "UnitreeLink", name: str, wait: "Callable[[], float]") ->
 
 def refuse_real_robot(link: "UnitreeLink", why: str) -> None:
     """Raises `StackError` where no simulated robot is met, or another robot, with the reason."""
-    import time
-
     from saltus.controller.robot.unitree.link import MEETING_S, STATES, TRUTHS
     from saltus.controller.robot.unitree.robot import CONNECT_S
 
