@@ -57,7 +57,7 @@ class StandingFeet:
         return np.asarray(stands)
 
     def _speeds(self, measured: SensorReadings, rotation: Floats, velocity: Floats) -> Floats:
-        """Of the feet in the world [m/s], shape (4,)."""
+        """Speeds of the feet in the world [m/s], shape (4,)."""
         foot, jacobian = self._legs.position_and_jacobian(measured.joint_position)
         joints = measured.joint_velocity.reshape(4, 3, 1)
         relative = (jacobian @ joints)[..., 0] + foot @ skew(measured.angular_velocity_base).mT
