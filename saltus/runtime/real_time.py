@@ -4,6 +4,7 @@ import statistics
 from dataclasses import dataclass
 
 from saltus.clock import RunClock
+from saltus.config import PLAN_TOPICS
 from saltus.wire.messages import ProcessStatus
 from saltus.wire.topics import TOPICS
 
@@ -60,6 +61,20 @@ class _Period:
     silence_s: float
 
 
+def _streams(status: ProcessStatus) -> dict[str, tuple[int, int]]:
+    """Messages and longest silence [us] of each stream that a process receives.
+
+    A planner that can walk sends plans or joint targets, one of them at a time: they are one stream,
+    by the name of those of which more came.
+    """
+    told = {name: (count, status.silence_us[name]) for name, count in status.received.items()}
+    plans = {name: told.pop(name) for name in PLAN_TOPICS if name in told}
+    if plans:
+        counts, silences = zip(*plans.values(), strict=True)
+        told[max(plans, key=plans.__getitem__)] = sum(counts), min(silences)
+    return told
+
+
 class RealTimeMonitor:
     """Adds up what the processes have told lately of the messages that they receive,
     from `robot`'s first word on.
@@ -88,8 +103,8 @@ class RealTimeMonitor:
         if self._settled_ns is None or before_ns < self._settled_ns or sequence != before + 1:
             return
         length_s = 1e-9 * (status.time_ns - before_ns)
-        for topic, received in status.received.items():
-            period = _Period(status.time_ns, length_s, received, 1e-6 * status.silence_us[topic])
+        for topic, (received, silence_us) in _streams(status).items():
+            period = _Period(status.time_ns, length_s, received, 1e-6 * silence_us)
             # A run in which a process has died asks for no verdict any more: what is old goes here
             # too
             since_ns = status.time_ns - self._run_ns(WINDOW_S)

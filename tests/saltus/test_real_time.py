@@ -89,6 +89,32 @@ def test_what_a_trial_draws_is_not_held_against_the_computer() -> None:
         assert factor.late_s == pytest.approx(late_s, abs=1e-6)
 
 
+@given(parts=st.lists(st.floats(0.0, 1.0), min_size=6, max_size=6), share=st.floats(0.05, 1.0))
+def test_plans_and_joint_targets_are_one_stream(parts: list[float], share: float) -> None:
+    """A planner that can walk sends one of them at a time, and changes at any moment."""
+    clock = RunClock(time.monotonic_ns() - 2_900_000_000)
+    monitor = RealTimeMonitor(clock, robot="controller")
+    numbered = Numbered(monitor)
+    asked = TOPICS["policy/plan"].rate_hz * PERIOD_S
+    for k, part in enumerate(parts):
+        came = round(share * asked)
+        plans = round(part * came)
+        silent = {True: 0.01, False: PERIOD_S}
+        numbered.take(
+            status(
+                "controller", k * PERIOD_S,
+                policy_plan=(plans, silent[plans > came - plans]),
+                policy_joints=(came - plans, silent[plans <= came - plans]),
+            )
+        )  # fmt: skip
+    factor = monitor.verdict()
+    assert factor is not None
+    assert factor.late_s == 0.0
+    assert factor.stream in ("policy/plan to controller", "policy/joints to controller")
+    if len({part < 0.5 for part in parts}) == 1:
+        assert factor.share == pytest.approx(share, abs=1.0 / asked)
+
+
 @pytest.mark.parametrize("speed", [1.0, 0.4])
 def test_within_three_seconds_it_is_known(speed: float) -> None:
     assert verdict_of(1.0, 0.0, speed, seconds=2.0) is None
