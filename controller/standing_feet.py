@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from saltus.arrays import Floats, Joints, LegFlags, Vectors
+from saltus.arrays import Joints, LegFlags, Vectors
 from saltus.constants import GRAVITY, PHYSICS_DT
 from saltus.robots.legs import LegKinematics
 from saltus.robots.robot import Robot
@@ -16,11 +16,9 @@ REST_MPS, STANDS_S = 0.3, 0.02
 take legs that swing for standing ones: 8 to 11 % of the feet that a Go2 would have trusted on
 rubble and stairs were in the air, 0.1 to 2 % of those of a Go1 and a Go2 with the speed. 82 to 89 %
 of the standing ones are found."""
-
-
 DOUBT_MPS2 = 3.0
-"""So fast grows the speed that is allowed while no foot stands: in flight, and where the velocity of
-the base is so wrong that feet at rest seem to move, which would go on for ever."""
+"""So fast grows the speed that is allowed while no foot stands: in flight, and where the velocity
+of the base is so wrong that feet at rest seem to move, which would go on for ever."""
 
 
 class StandingFeet:
@@ -46,19 +44,13 @@ class StandingFeet:
             velocity_base_in_world: As estimated [m/s], shape (3,).
         """
         rotation = rotation_matrix(measured.quaternion_base_in_world)
-        load = self._legs.load(measured.joint_position, torque, rotation[2])
-        allowed = REST_MPS + DOUBT_MPS2 * self._none_s
-        rests = self._speeds(measured, rotation, velocity_base_in_world) < allowed
-        self._stood_s = np.where(
-            (load > self._least_force) & rests, self._stood_s + PHYSICS_DT, 0.0
-        )
-        stands = self._stood_s > STANDS_S - 0.5 * PHYSICS_DT
-        self._none_s = 0.0 if stands.any() else self._none_s + PHYSICS_DT
-        return np.asarray(stands)
-
-    def _speeds(self, measured: SensorReadings, rotation: Floats, velocity: Floats) -> Floats:
-        """Speeds of the feet in the world [m/s], shape (4,)."""
         foot, jacobian = self._legs.position_and_jacobian(measured.joint_position)
         joints = measured.joint_velocity.reshape(4, 3, 1)
         relative = (jacobian @ joints)[..., 0] + foot @ skew(measured.angular_velocity_base).mT
-        return np.asarray(np.linalg.norm(relative @ rotation.mT + velocity, axis=-1))
+        speed = np.linalg.norm(relative @ rotation.mT + velocity_base_in_world, axis=-1)
+        bears = self._legs.load_by(jacobian, torque, rotation[2]) > self._least_force
+        rests = speed < REST_MPS + DOUBT_MPS2 * self._none_s
+        self._stood_s = np.where(bears & rests, self._stood_s + PHYSICS_DT, 0.0)
+        stands = self._stood_s > STANDS_S - 0.5 * PHYSICS_DT
+        self._none_s = 0.0 if stands.any() else self._none_s + PHYSICS_DT
+        return np.asarray(stands)

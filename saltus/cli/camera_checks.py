@@ -44,7 +44,8 @@ def camera_checks(path: Path) -> "list[PreflightCheck]":
         PreflightCheck(
             name="camera", passed=passed, found=found,
             allowed=f"{OFF_DEG:g} deg, {OFF_MM:g} mm off its claimed place",
-            cure=f"give saltus router the place that saltus render calibrate {path} writes, as --camera",
+            cure=f"saltus render calibrate {path} writes the place: give it to saltus router "
+            "as --camera",
         ),
         PreflightCheck(
             name="lateness", passed=in_time, found=late, allowed=f"{LATE_MS:g} ms",

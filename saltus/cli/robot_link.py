@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from saltus.real2sim.experiments.on_backend import ExperimentRun
     from saltus.robots.robot import Robot
 
+TRUTH_S, LOOK_S = 2.0, 0.02
+"""A simulated robot tells its topics all at once; a busy computer finds the last of them within the
+first, and looks so often."""
 LAND_S = 2.5
 """A landing takes 1.1 s at most; the rest it stands."""
 
@@ -173,21 +176,23 @@ def refuse_unfit(link: "UnitreeLink", name: str, wait: "Callable[[], float]") ->
 
 
 def refuse_real_robot(link: "UnitreeLink", why: str) -> None:
-    """Raises `StackError` where no simulated robot is met, or another robot, with the reason."""
-    from saltus.controller.robot.unitree.link import MEETING_S, STATES, TRUTHS
+    """Returns when a simulated robot is met; raises `StackError` with `why` where another robot is,
+    and also where none is.
+    """
+    from saltus.controller.robot.unitree.link import STATES, TRUTHS
     from saltus.controller.robot.unitree.robot import CONNECT_S
 
     since_s = time.monotonic()
     while not link.others(TRUTHS):
         waited_s = time.monotonic() - since_s
-        if waited_s > 4.0 * MEETING_S and link.others(STATES):
-            raise StackError(f"the robot is no `saltus robot simulate`: {why}")
+        if waited_s > TRUTH_S and link.others(STATES):
+            raise StackError(why)
         if waited_s > CONNECT_S:
             raise StackError(
-                f"no simulated robot came within {CONNECT_S:g} s: start `saltus robot simulate` with "
-                "the same --domain, --interface and --pace"
+                f"no simulated robot came within {CONNECT_S:g} s: start `saltus robot simulate` "
+                "with the same --domain, --interface and --pace"
             )
-        time.sleep(0.02)
+        time.sleep(LOOK_S)
 
 
 def await_person(name: str) -> None:
@@ -285,7 +290,11 @@ class RunRobot(PaceOptions, LinkOptions):
         wait = (lambda: 0.0) if lockstep else tick_function(clock)
         with contextlib.closing(robot):
             if lockstep:
-                refuse_real_robot(link, "with --pace lockstep it is not checked; leave that out")
+                refuse_real_robot(
+                    link,
+                    "the robot is no `saltus robot simulate`: with --pace lockstep it is not "
+                    "checked; leave that out",
+                )
             MotionService(link).release(release_agreed(kind.name, begin=self.begin))
             if not lockstep:
                 refuse_unfit(link, kind.name, wait)

@@ -59,8 +59,8 @@ class TellStates(EndpointOption, DomainOptions):
                     if observer.take(arrived.payload, 1e-9 * arrived.arrival_ns):
                         states.put(observer.state(clock.of_monotonic(arrived.arrival_ns)))
                         told, heard_s = told + 1, time.monotonic()
-                if silent != (time.monotonic() - heard_s > SILENT_S or not told):
-                    silent = not silent
+                was_silent, silent = silent, not told or time.monotonic() - heard_s > SILENT_S
+                if silent != was_silent:
                     said = "has fallen silent" if silent else "is heard, and its states are told"
                     print(f"the robot {said}", flush=True)
         return 0 if told else 1

@@ -107,12 +107,11 @@ class Up(DomainOptions, RunOptions, NetworkOptions):
         from saltus.clock import RunClock
         from saltus.controller.robot.unitree.link import ANSWERS, REQUESTS, STATES, UnitreeLink
         from saltus.controller.robot.unitree.motion_service import MotionService
+        from saltus.controller.robot.unitree.on_course import NOT_SIMULATED
 
         link = UnitreeLink(self.domain, self.interface, sends=[REQUESTS], takes=[STATES, ANSWERS])
         with contextlib.closing(link):
-            refuse_real_robot(
-                link, "`saltus up` draws its camera's images; `saltus robot run` moves it"
-            )
+            refuse_real_robot(link, NOT_SIMULATED)
             MotionService(link).release(release_agreed(self.robot, begin=self.begin))
             if self.pace == "realtime":  # in lockstep it says nothing unless it is told something
                 refuse_unfit(link, self.robot, tick_function(RunClock(speed=self.speed)))

@@ -77,8 +77,12 @@ class LegKinematics:
             torque: Of the joints [Nm], shape (..., 12).
             up: The direction, a unit vector in the base frame, shape (..., 3).
         """
-        xp = namespace(joint_position)
         _, jacobian = self.position_and_jacobian(joint_position)
+        return self.load_by(jacobian, torque, up)
+
+    def load_by(self, jacobian: Jacobians, torque: Joints, up: Vectors) -> PerLeg:
+        """`load`, where the Jacobians of the feet are known, shape (..., 4, 3, 3)."""
+        xp = namespace(torque)
         legs = torque.reshape((*torque.shape[:-1], 4, 3, 1))
         regular = jacobian.mT + _NEARLY_STRAIGHT.like(torque)
         force: Array = -xp.linalg.solve(regular, legs)[..., 0]

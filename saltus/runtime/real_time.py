@@ -64,8 +64,8 @@ class _Period:
 def _streams(status: ProcessStatus) -> dict[str, tuple[int, int]]:
     """Messages and longest silence [us] of each stream that a process receives.
 
-    A planner that can walk sends plans or joint targets, one of them at a time: they are one stream,
-    by the name of those of which more came.
+    A planner that can walk sends plans or joint targets, one of them at a time: they are one
+    stream, by the name of those of which more came.
     """
     told = {name: (count, status.silence_us[name]) for name, count in status.received.items()}
     plans = {name: told.pop(name) for name in PLAN_TOPICS if name in told}

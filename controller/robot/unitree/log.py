@@ -81,8 +81,8 @@ def record_link(
 ) -> None:
     """Records what a link hears, for some seconds; `watch` counts the states.
 
-    After the end, and after Ctrl-C, it listens for half a second more: what came before may not have
-    been taken yet.
+    After the end, and after Ctrl-C, it listens for half a second more: what came before may not
+    have been taken yet.
 
     Raises:
         RecordingError: the file cannot be written.

@@ -17,9 +17,8 @@ STATE_MS = 10
 LONGEST_MS = 100
 """After so long a silence the velocity is estimated anew: until then the last reading stands for
 those that were lost."""
-
 OFF_UNIT = 0.01
-"""Norm of an attitude's quaternion, less 1, above which it is none."""
+"""A quaternion whose norm differs more from 1 is no attitude."""
 
 
 class StateObserver:

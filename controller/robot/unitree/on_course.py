@@ -22,8 +22,8 @@ from saltus.setup import Setup
 from saltus.wire.messages import GroundTruth
 
 NOT_SIMULATED = (
-    "the robot says states but not the truth about itself: it is no `saltus robot simulate`, and "
-    "the camera of `saltus up` is simulated; a real robot is moved by `saltus robot run`"
+    "the robot is no `saltus robot simulate`: it says states but not the truth about itself, by "
+    "which `saltus up` simulates its camera; a real robot is moved by `saltus robot run`"
 )
 ELSEWHERE = (
     "the robot is simulated on another terrain than the run's: give both programs the same "

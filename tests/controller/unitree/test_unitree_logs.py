@@ -174,7 +174,7 @@ def test_a_log_is_not_written_over(recorded: Recorded, tmp_path: Path) -> None:
 
 
 def arrivals_of(times_ns: Iterable[tuple[int, int]]) -> list[int]:
-    """When messages came that were taken, and sent, at these times [ns]."""
+    """Times [ns] at which messages came, of those at which they were taken and sent."""
     estimator, told = ArrivalEstimator(), []
     for taken_ns, sent_ns in times_ns:
         told += estimator.take(ArrivedMessage(b"", int(taken_ns), int(sent_ns)))
@@ -218,7 +218,7 @@ def test_what_was_sent_before_ctrl_c_is_logged_and_nothing_else(
     was sent before.
     """
 
-    def say(arrivals: Arrivals, watch: StateWatch, before: int) -> None:
+    def say(arrivals: Arrivals, before: int) -> None:
         sent_ns = time.time_ns()
         for row, payload in enumerate(recorded.states):
             if row == before:
@@ -232,7 +232,7 @@ def test_what_was_sent_before_ctrl_c_is_logged_and_nothing_else(
 
     for trial in range(TRIALS):
         arrivals, watch = Arrivals(), StateWatch()
-        sender = threading.Thread(target=say, args=(arrivals, watch, 1 + trial))
+        sender = threading.Thread(target=say, args=(arrivals, 1 + trial))
         with ending_by_signals(), new_log(tmp_path / f"{trial}.mcap") as log:
             sender.start()
             with pytest.raises(KeyboardInterrupt):

@@ -1,4 +1,4 @@
-"""Who only listens to a robot knows how it moves, and tells it to a heightmap service."""
+"""An observer of a robot knows how it moves, and tells a heightmap service."""
 
 import contextlib
 from pathlib import Path
@@ -91,7 +91,7 @@ def test_after_a_silence_it_begins_anew_also_with_a_clock_that_does(bounded) -> 
     ],
 )  # fmt: skip
 def test_what_is_no_measurement_is_left_out(bounded, part: str, field: str, wrong: float) -> None:
-    """Of the first half of a stand, as of an IMU that has not started."""
+    """The first half of a stand is none, as of an IMU that has not started."""
     said, _ = bounded
     observer = StateObserver(ROBOT)
     for row in range(1000):

@@ -156,7 +156,7 @@ def test_a_busy_moment_is_no_concern(states: int) -> None:
 
 
 def moving_states(late_ms: list[int]) -> list[UnitreeMessage]:
-    """States of joints that swing about their stand pose, each so much late by the robot's clock."""
+    """States of joints that swing about their stand pose, each late by so much by its clock."""
     swing = 0.05 * np.arange(len(late_ms))[:, None] + np.arange(12)
     sensed = SensorArrays(
         quaternion_base_in_world=np.tile([1.0, 0.0, 0.0, 0.0], (len(late_ms), 1)),
