@@ -83,7 +83,7 @@ class ControllerRun:
         """
         exchange = ticker = None
         if self._context.config.pace == "lockstep":
-            exchange = Lockstep(self._context, self._plans)
+            exchange = Lockstep(self._context, self._plans, self._truths, self._states)
         else:
             here = self._context.config.link == "here"
             catch_up = CATCH_UP_TICKS if here else 1

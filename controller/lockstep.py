@@ -8,6 +8,7 @@ from collections.abc import Callable
 from saltus.controller.newest_plan import NewestPlan
 from saltus.errors import StackError
 from saltus.runtime.process import ProcessContext
+from saltus.wire.bus import Publisher
 from saltus.wire.messages import GroundTruth, RobotState
 
 RESEND_S = 0.5
@@ -22,11 +23,13 @@ class Lockstep:
     and waits for their answers; all of them may be asked twice.
     """
 
-    def __init__(self, context: ProcessContext, plans: NewestPlan) -> None:
+    def __init__(
+        self, context: ProcessContext, plans: NewestPlan, truths: Publisher, states: Publisher
+    ) -> None:
         self._context = context
         self._plans = plans
-        self._truths = context.bus.publisher("plant/truth")
-        self._states = context.bus.publisher("controller/state")
+        self._truths = truths
+        self._states = states
         self._render = context.bus.latest("done", "render")
         self._heightmap = context.bus.latest("done", "heightmap")
         self._heightmap_step = -1

@@ -16,6 +16,7 @@ from benchmarks._judgement import is_upright
 from benchmarks._kills import witness
 from saltus.recordings.recording import Recording, read_recording
 from saltus.recordings.repair import repair_recording
+from saltus.recordings.timing import rates_and_ages, run_digest
 from saltus.wire.messages import ControllerMode, RobotState
 
 AFTER_S = 0.8
@@ -89,3 +90,21 @@ def test_processes_of_a_killed_supervisor_land_the_robot_and_end(
     assert not alive, alive
     recording = read_recording(tmp_path / "run" / "recording.mcap")
     assert recording.of(RobotState)[-1].time_ns > seen.of(RobotState)[-1].time_ns - 5e9
+
+
+@pytest.mark.slow
+def test_a_run_in_lockstep_that_is_interrupted_counts_its_messages_on(tmp_path: Path) -> None:
+    """The states of the landing are counted on from those before:
+    readers drop what is counted anew.
+    """
+    process = up(tmp_path / "run", "--pace", "lockstep")
+    seen = witness(
+        process, tmp_path / "run", tmp_path / "seen.mcap", AFTER_S,
+        lambda: process.send_signal(signal.SIGINT),
+    )  # fmt: skip
+    told, _ = process.communicate()
+    assert ControllerMode.RUN in {state.mode for state in seen.of(RobotState)}
+    assert "lacks" not in told, told
+    recording = read_recording(tmp_path / "run" / "recording.mcap")
+    assert {row.lost for row in rates_and_ages(recording).values()} == {0}
+    assert run_digest(recording)
