@@ -20,7 +20,8 @@ POLL_S = 0.1  # how often a wait looks whether the process should stop
 
 class Lockstep:
     """The controller's side of a run in lockstep: it asks the other processes in each policy step
-    and waits for their answers; all of them may be asked twice.
+    and waits for their answers; all of them may be asked twice. It puts `plant/truth` and
+    `controller/state` by the publishers of the whole run, so that a landing counts them on.
     """
 
     def __init__(

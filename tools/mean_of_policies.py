@@ -20,14 +20,15 @@ def mean_of(parts: list[tuple[float, Path]]) -> onnx.ModelProto:
     """The last network with the mean of all weights; floats are averaged, in their own precision.
 
     Raises:
-        SystemExit: they differ in a weight's name or shape.
+        SystemExit: they differ in the names or shapes of their weights.
     """
     models = [(share, onnx.load(path)) for share, path in parts]
     total, result = sum(share for share, _ in models), onnx.load(parts[-1][1])
+    shapes = [[(each.name, *each.dims) for each in m.graph.initializer] for _, m in models]
+    if any(each != shapes[0] for each in shapes):
+        raise SystemExit("the weights are not alike in all files: train on from one of them")
     for index, kept in enumerate(result.graph.initializer):
         given = [(share, model.graph.initializer[index]) for share, model in models]
-        if any((each.name, each.dims) != (kept.name, kept.dims) for _, each in given):
-            raise SystemExit(f"'{kept.name}' is not alike in all files: train on from one of them")
         own = numpy_helper.to_array(kept)
         if own.dtype.kind == "f":
             mean = sum(share * numpy_helper.to_array(each).astype(float) for share, each in given)
@@ -47,6 +48,8 @@ def main() -> None:
     parser.add_argument("parts", nargs="+", metavar="SHARE FILE")
     parser.add_argument("--out", type=Path, required=True)
     given = parser.parse_args()
+    if len(given.parts) % 2:
+        parser.error("each file needs a share before it")
     pairs = zip(given.parts[::2], given.parts[1::2], strict=True)
     onnx.save(mean_of([(float(share), Path(path)) for share, path in pairs]), given.out)
 
