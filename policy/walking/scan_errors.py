@@ -1,12 +1,13 @@
 """Heights with the errors of the scan: held between images, late, wrong where unseen.
 
 The error of a point lasts: it is a uniform number, times the spread of points that were seen, or
-of those that were not. It changes at random where the robot has moved, on average every
-`ScanErrorSettings.change_m`: who stands goes on seeing what it saw. Most gaps that are one spacing
-of the scan wide are told as if they were filled.
+of those that were not, times the noise of the episode. It changes at random where the robot has
+moved, on average every `ScanErrorSettings.change_m`: who stands goes on seeing what it saw. Gaps
+across the way that are one spacing of the scan wide are told as dips, most of them shallow.
 """
 
 import math
+from typing import NamedTuple
 
 from saltus.arrays import Array, Constant, Points, Scalars, namespace
 from saltus.grid import SCAN
@@ -17,6 +18,19 @@ from saltus.policy.walking.settings import ScanErrorSettings
 _WIDTH = math.sqrt(3.0)  # half width of a uniform law by its standard deviation
 _STEP_M = 0.05  # way after which some errors change, half the scan's spacing: swaying is no way
 _LEVER_M = 0.54  # mean distance of the scan's points: their way where it turns by 1 rad
+_CELL_M = 0.1  # of the world, in which a dip is one number: half a stride, the scan's spacing
+_DEPTH_M = 0.4  # the deepest dip; of the trenches in which dips were measured, docs/walking.md
+_POWER = 3.0  # of a uniform number in dips: quartiles of 0.05, 0.13 and 0.3 of that were measured
+_WAVE = (12.9898, 78.233, 43758.5453)  # the hash of many a shader: sines of these look random
+
+
+class ScanDraws(NamedTuple):
+    """Numbers of each robot's episode, each of shape (n,)."""
+
+    shift: Scalars
+    """In [-1, 1]: how far up all heights are told."""
+    noise: Scalars
+    """In [0, 1]: its square is the size of all errors of points."""
 
 
 class ScanErrors:
@@ -59,35 +73,48 @@ class ScanErrors:
         new = moved[:, None] & (draws < share)
         return xp.where(fresh[:, None], all_new, xp.where(new, some_new, error))
 
-    def observed(self, heights: Points, error: Points, shift: Scalars) -> Points:
+    def observed(
+        self, heights: Points, places: tuple[Array, Array], error: Points, drawn: ScanDraws
+    ) -> Points:
         """Heights with errors [m], shape (n, 187).
 
         Args:
             heights: True ones relative to the base, at the place of the image [m], shape (n, 187).
+            places: Where these are in the world, x and y [m], each of shape (n, 187).
             error: Of `changed`, shape (n, 187).
-            shift: In [-1, 1], shape (n,).
+            drawn: For the episode.
         """
         xp, config = namespace(heights), self.config
-        heights = xp.where(xp.abs(error) < config.filled, _without_gaps(heights), heights)
+        above = xp.clip(_random_of(places, drawn.shift) - config.filled, 0.0, None)
+        heights = _with_dips(heights, _DEPTH_M * (above / max(1.0 - config.filled, 1e-6)) ** _POWER)
         ground = xp.mean(heights, axis=-1)[:, None]
         spread = config.unseen * xp.mean(xp.abs(heights - ground), axis=-1)[:, None]
         is_seen = self._seen.like(heights) > 0.5
         one = xp.ones_like(heights)
         deviation = xp.where(is_seen, config.seen_m * one, xp.maximum(spread, config.seen_m * one))
-        return heights + _WIDTH * deviation * error + config.shift_m * shift[:, None]
+        noise = (drawn.noise**2)[:, None]
+        return heights + _WIDTH * noise * deviation * error + config.shift_m * drawn.shift[:, None]
 
 
-def _without_gaps(heights: Points) -> Points:
-    """Heights where points low between both neighbours along x, or along y, are as high as these.
+def _random_of(places: tuple[Array, Array], seed: Scalars) -> Points:
+    """A number in [0, 1) of the cell of the world in which each place is, another one for each
+    seed: dips stay where they are while a robot comes to them.
+    """
+    xp = namespace(seed)
+    x, y = (xp.floor(place / _CELL_M) for place in places)
+    wave = _WAVE[2] * xp.sin(_WAVE[0] * x + _WAVE[1] * y + 1e2 * seed[:, None])
+    return wave - xp.floor(wave)
+
+
+def _with_dips(heights: Points, dip: Points) -> Points:
+    """Heights where points low between both neighbours along x are only `dip` [m] lower than these,
+    or as low as they are.
 
     Low is `MISSED_M` lower than the lower neighbour, as for a foot that misses its ground. Points
     at the rim of the scan are left as they are.
     """
     xp = namespace(heights)
-    of = xp.reshape(heights, (-1, *SCAN.shape))
-    along_x = xp.minimum(of[:, :-2, 1:-1], of[:, 2:, 1:-1])
-    along_y = xp.minimum(of[:, 1:-1, :-2], of[:, 1:-1, 2:])
-    edge, inner = xp.maximum(along_x, along_y), of[:, 1:-1, 1:-1]
-    inner = xp.where(inner < edge - MISSED_M, edge, inner)
-    rows = xp.concat([of[:, 1:-1, :1], inner, of[:, 1:-1, -1:]], axis=2)
-    return xp.reshape(xp.concat([of[:, :1], rows, of[:, -1:]], axis=1), heights.shape)
+    of, dips = (xp.reshape(each, (-1, *SCAN.shape)) for each in (heights, dip))
+    edge, inner = xp.minimum(of[:, :-2], of[:, 2:]), of[:, 1:-1]
+    inner = xp.where(inner < edge - MISSED_M, xp.maximum(inner, edge - dips[:, 1:-1]), inner)
+    return xp.reshape(xp.concat([of[:, :1], inner, of[:, -1:]], axis=1), heights.shape)

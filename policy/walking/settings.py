@@ -130,7 +130,10 @@ class WalkRewardSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ScanErrorSettings:
-    """Errors of heights, as of the shipped scan on the Go1's mount (models/scan.md)."""
+    """Errors of heights, at most as of the shipped scan on the Go1's mount (models/scan.md).
+
+    Each episode has its own size of all errors of points, the square of a uniform number.
+    """
 
     exact: float = 0.0
     """Share of the robots that are told true heights, without errors and of the same moment."""
@@ -153,10 +156,11 @@ class ScanErrorSettings:
     """
     shift_m: float = 0.02
     """Up or down, all points alike, for an episode (+-): height of the base above its feet."""
-    filled: float = 0.7
-    """Share of the points in a gap of one spacing that are told as high as its edges.
+    filled: float = 0.05
+    """Share of the points in a gap of one spacing across the way that are told as high as its
+    edges; the others are told as dips, most of them shallow (`saltus.policy.walking.scan_errors`).
 
-    The shipped scan on a Go2 that walks over stones: docs/walking.md.
+    The shipped scan of the whole image of a D435i on a Go2 that walks over stones: docs/walking.md.
     """
 
     def __post_init__(self) -> None:

@@ -42,6 +42,7 @@ _RATE_SPREAD = _both_sides((6.5, 5.0, 6.3), (1.0, 3.7, 3.1))
 class JumpStartSettings:
     """Settings of the episodes that begin in a jump: how many do, where, and how such robots move.
 
+    They are on the last level, whatever the robot's own: robots jump where they cannot walk.
     The ranges are two standard deviations of what was measured, to either side of its mean.
     """
 

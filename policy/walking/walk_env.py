@@ -34,7 +34,7 @@ from saltus.policy.walking import commands, starts
 from saltus.policy.walking.commands import command_now, draw_command
 from saltus.policy.walking.course_field import CourseField, beside_drop, in_trench
 from saltus.policy.walking.description import POLICY_HZ, SIZE, description_of
-from saltus.policy.walking.scan_errors import ScanErrors
+from saltus.policy.walking.scan_errors import ScanDraws, ScanErrors
 from saltus.policy.walking.settings import WalkSettings
 from saltus.policy.walking.starts import first_motion, height_above, under_trunk
 from saltus.policy.walking.walk_memory import WalkMemory, blank_walk_memory
@@ -65,6 +65,7 @@ _DRAWS = ColumnNames(
     push=(_PUSH.count,),
     sensors=(_SENSORS.count,),
     shift=(),
+    noise=(),
     error=(SCAN.size,),
 )
 PRIVILEGED = 3 + 1 + 1 + 1 + 3 + 4 + 4 + 1
@@ -251,12 +252,13 @@ class WalkEnv(TrainingEnv):
         """Starts the next episode of the robots in `mask`; brings everyone the near ground."""
         memory, drawn = self.memory, _DRAWS.of(self._draws)
         start = _START.of(drawn.start)
-        course = self.ground.table.draw(memory.kind, memory.level, start.variant)
+        begins_so = starts.DRAWS.of(start.motion).jumps < self.config.jump_start.share
+        jumps = mask & self._may_jump & begins_so
+        level = torch.where(jumps, self.config.ground.levels - 1.0, memory.level)
+        course = self.ground.table.draw(memory.kind, level, start.variant)
         write_memory(
             memory, mask, course=course, **draw_bodies(self.config.randomisation, drawn.body)
         )
-        begins_so = starts.DRAWS.of(start.motion).jumps < self.config.jump_start.share
-        jumps = mask & self._may_jump & begins_so
         finish = self.ground.table.finish_x[memory.course]
         x = torch.where(memory.wide | jumps, start.x * finish, 0.4 * start.x - 0.2)
         y = torch.where(memory.wide, 1.0, 0.3) * (2.0 * start.y - 1.0)
@@ -291,6 +293,7 @@ class WalkEnv(TrainingEnv):
             asked_m=zero,
             phase=start.age,
             shift=2.0 * drawn.shift - 1.0,
+            noise=drawn.noise,
         )
 
     def _place(self, mask: Tensor, jumps: Tensor, begin: Tensor, draws: Tensor) -> None:
@@ -348,8 +351,11 @@ class WalkEnv(TrainingEnv):
         error = self._scan_errors.changed(memory.error, fresh, moved, drawn.error)
         write_memory(memory, moved, error_pose=pose)
         write_memory(memory, command=command, phase=phase, pose=pose, error=error)
-        true = self._heights(pose)
-        told = self._scan_errors.observed(self._heights(memory.image_pose), error, memory.shift)
+        true, _ = self._heights(pose)
+        then, places = self._heights(memory.image_pose)
+        told = self._scan_errors.observed(
+            then, places, error, ScanDraws(memory.shift, memory.noise)
+        )
         told = torch.where(self._is_exact[:, None], true, told)
         if self.config.blind:
             told = torch.full_like(told, -self._height)
@@ -395,10 +401,12 @@ class WalkEnv(TrainingEnv):
         )
         return self._observer.vector(given)
 
-    def _heights(self, pose: Tensor) -> Tensor:
-        """Ground at the scan's points above a base at x, y, z, yaw [m], shape (n, 187)."""
+    def _heights(self, pose: Tensor) -> tuple[Tensor, tuple[Tensor, Tensor]]:
+        """Ground at the scan's points above a base at x, y, z, yaw [m], shape (n, 187), and where
+        they are.
+        """
         places = SCAN.points_in_world(pose[:, :2], pose[:, 3])
-        return self._boxes().height_at(*places) - pose[:, 2:3]
+        return self._boxes().height_at(*places) - pose[:, 2:3], places
 
     def _boxes(self) -> Boxes:
         memory = self.memory

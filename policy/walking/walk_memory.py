@@ -48,6 +48,7 @@ class WalkMemory:
     error: Tensor  # (187,)
     error_pose: Tensor  # (4,): of the base when errors changed
     shift: Tensor
+    noise: Tensor
     # the ground: boxes, the nearest
     center: Tensor  # (boxes, 3)
     half_size: Tensor  # (boxes, 3)

@@ -199,15 +199,19 @@ def test_robots_start_in_their_pose_above_whatever_ground_they_are_on():
 
 
 @pytest.mark.parametrize("share", [0.0, 1.0])
-def test_episodes_on_stairs_that_begin_in_a_jump_are_short_and_leave_the_level_as_it_is(share):
+def test_episodes_that_begin_in_a_jump_are_short_and_hard_and_leave_the_level_as_it_is(share):
     jump = JumpStartSettings(share=share)
-    env = make_env(config=replace(CONFIG, env=replace(CONFIG.env, jump_start=jump)))
+    ground = replace(GROUND, levels=3)
+    env = make_env(config=replace(CONFIG, env=replace(CONFIG.env, jump_start=jump, ground=ground)))
     env.set_levels(torch.ones(N))
     assert env.memory.kind.sum() == N // 2
     jumps = (env.memory.kind == 1) & (share > 0.0)
     ahead_mps = torch.as_tensor(env._engine.qvel)[:, :2].norm(dim=-1)
     assert torch.equal(ahead_mps > 0.0, jumps)
     assert set(env.memory.drawn[jumps, 0].tolist()) <= {float(np.float32(0.3))}
+    variants = env.ground.table.variants
+    level = env.memory.course // variants % ground.levels
+    assert torch.equal(level, torch.where(jumps, 2, 1))
     env.memory.first_time_s.fill_(1.0)
     torch.as_tensor(env._engine.qpos)[:, 3:7] = torch.tensor([0.0, 1.0, 0.0, 0.0]).double()
     assert env.step(torch.zeros(N, 12)).done.all()

@@ -1,5 +1,7 @@
 """Laws of the ground of walking trainings, and of the heights that it is told with."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -15,7 +17,7 @@ from saltus.policy.walking.course_field import (
     beside_drop,
     in_trench,
 )
-from saltus.policy.walking.scan_errors import ScanErrors
+from saltus.policy.walking.scan_errors import ScanDraws, ScanErrors
 from saltus.policy.walking.settings import (
     GroundSettings,
     ScanErrorSettings,
@@ -80,44 +82,80 @@ def test_a_foot_is_beside_a_drop_where_the_ground_close_to_it_is_far_lower_and_n
         assert (found == expected[:, None]).all()
 
 
-def test_errors_of_heights_have_the_stated_spread_and_vanish_on_flat_ground():
-    config = ScanErrorSettings(shift_m=0.0, filled=0.0)
+def told_heights(scan, heights, places, error, drawn):
+    """What numpy and torch say that robots are told."""
+
+    def told(heights, x, y, error, shift, noise):
+        return scan.observed(heights, (x, y), error, ScanDraws(shift, noise))
+
+    return both(told, heights, *places, error, *drawn)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.5, 1.0])
+def test_errors_of_heights_have_the_stated_spread_and_vanish_on_flat_ground(noise):
+    config = ScanErrorSettings(shift_m=0.0)
     scan, rng, n = ScanErrors(config), np.random.default_rng(6), 400
     every = np.ones(n, dtype=bool)
     error = scan.changed(np.zeros((n, 187)), every, every, rng.uniform(size=(n, 187)))
-    uneven = rng.normal(0.0, 0.1, (n, 187))
+    uneven = np.tile(rng.normal(0.0, 0.1, (n, SCAN.shape[1])), SCAN.shape[0])  # no gap across
     seen = (SCAN.points[:, 0] >= config.seen_x_m) & (abs(SCAN.points[:, 1]) <= config.seen_y_m)
-    zero = np.zeros(n)
-    wrong = both(scan.observed, uneven, error, zero) - uneven
-    assert wrong[:, seen].std() == pytest.approx(config.seen_m, rel=0.05)
+    drawn = ScanDraws(np.zeros(n), np.full(n, noise))
+    places = SCAN.points_in_world(np.zeros((n, 2)), np.zeros(n))
+    wrong = told_heights(scan, uneven, places, error, drawn) - uneven
+    size = noise**2
+    assert wrong[:, seen].std() == pytest.approx(size * config.seen_m, rel=0.05)
     spread = config.unseen * np.abs(uneven).mean()
-    assert wrong[:, ~seen].std() == pytest.approx(spread, rel=0.1)
-    flat = scan.observed(0.0 * uneven, error, zero)
-    assert np.abs(flat).max() <= np.sqrt(3.0) * config.seen_m
+    assert wrong[:, ~seen].std() == pytest.approx(size * spread, rel=0.1)
+    flat = scan.observed(0.0 * uneven, places, error, drawn)
+    assert np.abs(flat).max() <= np.sqrt(3.0) * size * config.seen_m
 
 
-@pytest.mark.parametrize("filled", [0.0, 0.7, 1.0])
-@pytest.mark.parametrize("across", [0, 1])
-def test_a_share_of_the_points_in_gaps_of_one_spacing_is_told_as_high_as_the_edges(filled, across):
-    config = ScanErrorSettings(seen_m=0.0, unseen=0.0, shift_m=0.0, filled=filled)
-    scan, rng, n = ScanErrors(config), np.random.default_rng(8), 200
-    error, zero = rng.uniform(-1.0, 1.0, (n, 187)), np.zeros(n)
+NO_NOISE = ScanErrorSettings(seen_m=0.0, unseen=0.0, shift_m=0.0)
+
+
+@pytest.mark.parametrize("filled", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("along", [0, 1])
+def test_gaps_of_one_spacing_across_the_way_are_told_as_dips(filled, along):
+    scan, rng, n = ScanErrors(replace(NO_NOISE, filled=filled)), np.random.default_rng(8), 400
+    error, drawn = rng.uniform(-1.0, 1.0, (n, 187)), ScanDraws(*rng.uniform(size=(2, n)))
     edge, depth = rng.normal(0.0, 0.1, (n, 1)), rng.uniform(0.02, 0.6, (n, 1))
     place = rng.integers(2, 8, n)
+    places = SCAN.points_in_world(rng.uniform(-9.0, 9.0, (n, 2)), rng.uniform(-3.0, 3.0, n))
     for width in (1, 2):  # spacings; the wider gap is told as it is
-        row = np.indices(SCAN.shape)[across].ravel()
+        row = np.indices(SCAN.shape)[along].ravel()
         low = (row >= place[:, None]) & (row < place[:, None] + width)
         truth = edge - np.where(low, depth, 0.0)
-        told = both(scan.observed, truth, error, zero)
+        told = told_heights(scan, truth, places, error, drawn)
         np.testing.assert_array_equal(told[~low], truth[~low])
-        is_filled = low & (told > truth + 1e-9)
-        np.testing.assert_allclose(told[is_filled], np.broadcast_to(edge, low.shape)[is_filled])
-        inner = SCAN.shape[1 - across] - 2  # those at the rim are left as they are
-        deep = (depth[:, 0] > MISSED_M) & (width == 1)
-        share = is_filled.sum(1) / inner
-        assert share[~deep].max() == 0.0
-        if width == 1:
-            assert share[deep].mean() == pytest.approx(filled, abs=0.05)
+        if width == 2 or along == 1:
+            np.testing.assert_array_equal(told, truth)
+            continue
+        deep = (depth[:, 0] > MISSED_M)[:, None] & low
+        np.testing.assert_array_equal(told[low & ~deep], truth[low & ~deep])
+        assert (told >= truth).all()
+        assert (told <= np.maximum(truth, edge)).all()
+        share = ((edge - told) / 0.4)[low & (depth > 0.4)]
+        assert np.mean(share < 1e-9) == pytest.approx(filled, abs=0.04)
+        for part in (0.2, 0.5, 0.8) if filled < 1.0 else ():
+            expected = filled + (1.0 - filled) * part
+            assert np.mean(share < part**3) == pytest.approx(expected, abs=0.05)
+
+
+def test_a_dip_stays_where_it_is_while_the_robot_moves():
+    scan, rng, n = ScanErrors(NO_NOISE), np.random.default_rng(9), 300
+    drawn, error = ScanDraws(*rng.uniform(size=(2, n))), np.zeros((n, 187))
+    edge = rng.integers(-20, 20, n) * 0.1 - 0.05  # gaps of one spacing, along the cells of dips
+    told = []
+    for way in (0.0, 0.2, 0.5):  # whole spacings: the same places of the world
+        base = np.stack([edge - 0.4 + way, np.full(n, 0.05)], -1)
+        x, y = SCAN.points_in_world(base, np.zeros(n))
+        is_gap = np.abs(x - edge[:, None] - 0.2) < 0.01
+        truth = np.where(is_gap, -0.4, 0.0)
+        heights = told_heights(scan, truth, (x, y), error, drawn)
+        told.append(heights[is_gap].reshape(n, -1))
+    np.testing.assert_allclose(told[1], told[0], atol=1e-9)
+    np.testing.assert_allclose(told[2], told[0], atol=1e-9)
+    assert np.ptp(told[0], axis=1).min() > 0.0
 
 
 @pytest.mark.parametrize("change_m", [0.1, 0.3, 1.0])
