@@ -9,7 +9,7 @@ from typing import Generic, Protocol, TypeVar
 
 from saltus.arrays import Array, namespace
 from saltus.constants import POLICY_DT
-from saltus.depth import depth_in_millimetres, supersampled_model_camera
+from saltus.depth import depth_in_millimetres, is_within_model, supersampled_model_camera
 from saltus.depth_camera import DepthCamera
 from saltus.effects.camera import CameraChain, CameraState
 from saltus.effects.signals import DepthImage
@@ -43,13 +43,13 @@ class Eyes(Generic[Truth]):
 
     Args:
         camera: Which one they have.
-        renderer: Of the model's camera, of `SAMPLED` where there is a `stereo`.
+        renderer: Of the model's camera, of `SAMPLED` where there is a `stereo`; see `whole`.
         chain: What happens to an image until a camera gives it out (`CameraChain.taken`).
         memory: Of that, before the first image.
         stereo: Errors of matching; None for true depth.
         state: Of these.
         whole: Leave the pixels that a stereo camera matched as they are, in place of the model's
-            means of them.
+            means of them. The renderer's may be the camera's own where it sees more than the model.
     """
 
     def __init__(
@@ -66,6 +66,8 @@ class Eyes(Generic[Truth]):
         self.camera, self._renderer, self._stereo = camera, renderer, stereo
         self._chain, self._memory, self._state = chain, memory, state
         self._whole = whole
+        is_own = whole and not is_within_model(camera.image)
+        self._masked = camera.in_range if is_own else camera.masked
         self._fresh: Array | None = None
 
     def expose(self, truth: Truth, step: int, fresh: Array) -> DepthImage | None:
@@ -77,7 +79,7 @@ class Eyes(Generic[Truth]):
             fresh: Robots that start anew, bool, shape (n,): their cameras forget.
 
         Returns:
-            The newest images that were given out [mm], shape (n, 48, 16), or that of `SAMPLED`.
+            The newest images that were given out [mm], shape (n, 48, 16), or the renderer's.
         """
         self._fresh = fresh if self._fresh is None else self._fresh | fresh
         if not self.camera.exposes(step):
@@ -90,7 +92,7 @@ class Eyes(Generic[Truth]):
             pair = self._renderer.pair(truth)
             matched, self._state = self._stereo.step(*pair, times, self._state)
             depth = matched.depth if self._whole else pool_valid(matched.depth, ROWS, COLUMNS)
-        exposed = DepthImage(depth=self.camera.masked(depth), time_s=times)
+        exposed = DepthImage(depth=self._masked(depth), time_s=times)
         given, self._memory = self._chain.step(exposed, time_s, self._memory, self._fresh)
         self._fresh = None
         return replace(given, depth=depth_in_millimetres(given.depth))

@@ -26,6 +26,10 @@ RunPlanner = Literal["scripted", "learned", "walking"]
 RunHeights = Literal["predicted", "true"]
 LinkName = Literal["here", "dds"]
 
+JUMPING_CAMERA, WALKING_CAMERA = "d435i", "d435i_whole"
+"""Cameras of runs and trials that name none. The network of a robot that jumps uses the centre of an
+image only; one that walks has its feet beside the middle line, and sees there by the scan's."""
+
 Config = TypeVar("Config")
 
 LONGEST_RUN_S = 1e6
@@ -93,7 +97,7 @@ class RunConfig:
     camera: str = "ideal"
     """"ideal": true depth at the model's resolution. "d435i": a stereo camera's errors at 80x240.
 
-    Or a TOML file.
+    "d435i_whole": at 70x40, four times as wide. Or a TOML file.
     """
     profile: str = "shipped"
     """Effects of the hardware: "shipped" (those of the robot), "ideal", or the name or path of a

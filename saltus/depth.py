@@ -22,6 +22,7 @@ NOTHING = 65535
 """Depth of a pixel that sees nothing within range; 0 is invalid."""
 # A pixel is valid where at least half of its area is; below, most of the average would be guessed
 VALID_SHARE = 0.5
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +63,18 @@ def supersampled_model_camera(samples_down: int, samples_across: int) -> Intrins
         cx=model.cx * samples_across,
         cy=model.cy * samples_down,
     )
+
+
+def is_within_model(camera: Intrinsics) -> bool:
+    """True where a camera sees nothing beside the view of the model's."""
+    sides = zip(_tangents(camera), _tangents(MODEL_CAMERA), strict=True)
+    return all(own <= model + _ROUNDING for own, model in sides)
+
+
+def _tangents(camera: Intrinsics) -> tuple[float, float, float, float]:
+    """How far a camera sees to the left, right, top and bottom, as tangents."""
+    right, bottom = camera.width - camera.cx, camera.height - camera.cy
+    return camera.cx / camera.fx, right / camera.fx, camera.cy / camera.fy, bottom / camera.fy
 
 
 def model_image(

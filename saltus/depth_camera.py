@@ -1,8 +1,8 @@
 """A depth camera as one value: where it sits, what its images are,
 when they come, and which errors they have.
 
-`ideal` and `d435i` are two of them; one's own is a TOML file (examples/camera.toml) that names what
-differs from d435i.
+`ideal`, `d435i` and `d435i_whole` are three of them; one's own is a TOML file
+(examples/camera.toml) that names what differs from d435i.
 """
 
 import math
@@ -37,6 +37,10 @@ LONGEST_LATENCY_S = 0.1
 """Images that come later are too old to be used (`saltus.wire.topics`)."""
 NATIVE_PIXELS = 5
 """Native pixels of a D435i at 424x240, in each direction, for one pixel of the model."""
+DECIMATION = 6
+"""Native pixels of a D435i, in each direction, for one pixel of `d435i_whole`: librealsense's
+decimation filter takes 2 to 8, and drops what is left over. 70x40 pixels are as many as the scan
+reads of an image (`saltus.heightmap.scan.scan_camera.PIXELS`)."""
 _ROUNDING = 1e-9
 _TURN = (-math.pi, math.pi)
 _LARGEST = 4096  # of an image's sides [px]
@@ -274,9 +278,20 @@ SHIPPED = {
             image=supersampled_model_camera(NATIVE_PIXELS, NATIVE_PIXELS),
             sensor=D435I,
         ),
+        DepthCamera(
+            name="d435i_whole",
+            image=Intrinsics(
+                width=D435I.width // DECIMATION, height=D435I.height // DECIMATION,
+                fx=D435I.fx / DECIMATION, fy=D435I.fy / DECIMATION,
+                cx=D435I.cx / DECIMATION, cy=D435I.cy / DECIMATION,
+            ),
+            sensor=D435I,
+        ),
     )
-}
+}  # fmt: skip
 """True depth as the model sees it.
 
-And the centre crop of a D435i at 424x240, 80 pixels wide, with its errors.
+The centre crop of a D435i at 424x240, 80 pixels wide, with its errors. And the whole image, 90 x 59
+degrees, decimated: a robot that walks looks beside its middle line, where its feet go. A pixel
+there has the errors of one of the sensor's; the real filter's are means of those that are valid.
 """

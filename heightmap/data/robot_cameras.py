@@ -7,13 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from saltus.arrays import Floats, Indices, Singles
-from saltus.depth import MODEL_CAMERA, Intrinsics
+from saltus.depth import MODEL_CAMERA, Intrinsics, is_within_model
 from saltus.depth_camera import DepthCamera
 from saltus.effects.camera import drawn_around
 from saltus.effects.effect import stack_states
 from saltus.effects.image_pixels import to_images
 from saltus.effects.signals import DepthImage
 from saltus.heightmap.data.arriving_images import LateImages
+from saltus.heightmap.scan.scan_camera import read_lens
 from saltus.render.camera import RobotCamera
 from saltus.render.eyes import SAMPLED, Eyes
 from saltus.render.process import random_stream
@@ -25,10 +26,14 @@ from saltus.sim.plant_state import PlantState
 from saltus.terrain.terrain import Terrain
 
 
-def rendered_intrinsics(camera: DepthCamera) -> Intrinsics:
-    """The pixels in which images of a camera are rendered here;
-    those of stereo cameras are finer than the model's.
+def rendered_intrinsics(camera: DepthCamera, *, whole: bool = False) -> Intrinsics:
+    """The pixels in which images of a camera are rendered here.
+
+    Those of stereo cameras are finer than the model's. Of a camera that sees more than the model
+    does, `whole` images are the pixels of its own that the scan reads.
     """
+    if whole and not is_within_model(camera.image):
+        return read_lens(camera.image)
     return MODEL_CAMERA if camera.ideal else SAMPLED
 
 
@@ -55,9 +60,9 @@ def robot_cameras(
         latency_s=np.array([trial.camera_delay_s for trial in trials]),
         jitter_s=np.array([trial.camera_jitter_s for trial in trials]),
     )
-    chain = to_images(replace(profile, camera=drawn), MODEL_CAMERA.fx).camera_chain
+    claimed = rendered_intrinsics(camera, whole=whole)
+    chain = to_images(replace(profile, camera=drawn), claimed.fx).camera_chain
     memory = stack_states([chain.init((), random_stream(trial.seed)) for trial in trials])
-    claimed = rendered_intrinsics(camera)
     view, optics = (
         RobotCamera.on(robot, claimed).moved(profile.view_chain),
         StereoOptics.behind(claimed, camera),

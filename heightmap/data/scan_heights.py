@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 
 from saltus.arrays import Floats
 from saltus.constants import POLICY_DT
-from saltus.depth import MILLIMETRE, MODEL_CAMERA, depth_frame, depth_in_millimetres
+from saltus.depth import (
+    MILLIMETRE,
+    MODEL_CAMERA,
+    RANGE_M,
+    depth_frame,
+    depth_in_millimetres,
+    model_image,
+)
 from saltus.effects.heightmap_shift import refuse_shift
 from saltus.effects.signals import DepthImage
 from saltus.heightmap.data.arriving_images import ImageDamage
@@ -18,6 +25,7 @@ from saltus.heightmap.data.robot_cameras import rendered_intrinsics, robot_camer
 from saltus.heightmap.scan.predictor import ScanNetwork
 from saltus.heightmap.service.scan import ScanService
 from saltus.heightmap.service.scan_fleet import ScanChoice
+from saltus.render.eyes import SAMPLED
 from saltus.render.stereo.camera import StereoConfig
 from saltus.render.stereo.model_view import COLUMNS, ROWS, pool_valid
 from saltus.setup import Setup
@@ -57,7 +65,7 @@ class ScanHeights:
         self._eyes, self._images = robot_cameras(setups, errors, rngs, whole=True)
         self._damage, self._seeds = damage, [setup.trial.seed for setup in setups]
         self._camera = setups[0].camera
-        self._lens = rendered_intrinsics(self._camera)
+        self._lens = rendered_intrinsics(self._camera, whole=True)
         rig = ScanChoice(grid=setups[0].grid, shadows=shadows).rig(setups[0].robot, self._camera)
         self._services = [ScanService(network, rig) for _ in setups]
         self._answers: list[Heightmap] = []
@@ -103,6 +111,9 @@ class ScanHeights:
         """The same images as the model of the line sees them."""
         if self._lens == MODEL_CAMERA:
             return images
+        if self._lens != SAMPLED:
+            near, seen = np.moveaxis(model_image(images.depth, self._lens), -3, 0)
+            return replace(images, depth=depth_in_millimetres(RANGE_M * near * seen))
         return replace(
             images, depth=depth_in_millimetres(pool_valid(images.depth * MILLIMETRE, ROWS, COLUMNS))
         )

@@ -78,11 +78,31 @@ class ScanCamera:
         return ImagePoints(looks[valid] * kept[:, None] + self._position, kept, missing)
 
 
+def read_lens(lens: Intrinsics) -> Intrinsics:
+    """The pixels that are read of an image, as an image of their own: all of it is read."""
+    step = _reading_step(lens)
+    if step == 1:
+        return lens
+    # The centre of its first pixel is that of pixel step // 2
+    first = step // 2 + 0.5
+    return Intrinsics(
+        width=len(range(step // 2, lens.width, step)),
+        height=len(range(step // 2, lens.height, step)),
+        fx=lens.fx / step, fy=lens.fy / step,
+        cx=(lens.cx - first) / step + 0.5, cy=(lens.cy - first) / step + 0.5,
+    )  # fmt: skip
+
+
+def _reading_step(lens: Intrinsics) -> int:
+    """Every which pixel is read, down and across."""
+    return max(1, round((lens.width * lens.height / PIXELS) ** 0.5))
+
+
 def _rays(lens: Intrinsics) -> tuple[Singles, int]:
     """Rays of the pixels that are read, with 1 along the optical axis,
     shape (n, 3); and every which pixel that is.
     """
-    step = max(1, round((lens.width * lens.height / PIXELS) ** 0.5))
+    step = _reading_step(lens)
     u, v = (np.arange(step // 2, size, step) + 0.5 for size in (lens.width, lens.height))
     x, y = np.meshgrid((u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy)
     return np.stack([x, y, np.ones_like(x)], -1).reshape(-1, 3).astype(np.float32), step

@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+from saltus.config import WALKING_CAMERA
 from saltus.controller.tick import CompiledTickLaw
 from saltus.drive.wish import Wish
 from saltus.named_setup import named_setups
@@ -71,7 +72,7 @@ class WalkTrials:
     grid: str
     model: Path
     """The policy: an ONNX file, or a TOML file about somebody else's."""
-    camera: str = "d435i"
+    camera: str = WALKING_CAMERA
     profile: str = "shipped"
     conditions: WalkConditions = field(default_factory=WalkConditions)
     angles: JumpAngles = field(default_factory=JumpAngles)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from saltus.cli.output import JsonOption, table_lines
 from saltus.cli.run_options import RobotOption, mounted_camera
-from saltus.config import check_between
+from saltus.config import WALKING_CAMERA, check_between
 from saltus.errors import ConfigError
 from saltus.flags import flag_help
 from saltus.grid import WALKING_GRID
@@ -82,8 +82,8 @@ class WalkTrialsCommand(RobotOption, JsonOption):
     """true: the terrain as it is. predicted: what the scan's service makes of late depth images."""
     heightmap_model: Annotated[Path | None, flag_help("PATH", "the shipped network")] = None
     """ONNX file of the scan's network."""
-    camera: str = "d435i"
-    """Camera of predicted heights: d435i, ideal, or a TOML file."""
+    camera: str = WALKING_CAMERA
+    """Camera of predicted heights: d435i_whole, d435i, ideal, or a TOML file."""
     profile: str = "shipped"
     """Effects of the hardware: shipped, ideal, one of your own, or a TOML file."""
     trials: int = 20

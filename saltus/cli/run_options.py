@@ -6,7 +6,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from saltus.config import Pace, RendererName, RunConfig, RunHeights, RunPlanner, TerrainConfig
+from saltus.config import (
+    JUMPING_CAMERA,
+    WALKING_CAMERA,
+    Pace,
+    RendererName,
+    RunConfig,
+    RunHeights,
+    RunPlanner,
+    TerrainConfig,
+)
 from saltus.flags import flag_help
 from saltus.grid import DEFAULT_GRID, WALKING_GRID, load_grid
 from saltus.robots.loading import load_robot
@@ -96,8 +105,10 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
 
     Less than 1 where it cannot keep up.
     """
-    camera: str = "d435i"
-    """d435i: with the errors of a stereo camera. ideal: true depth.
+    camera: Annotated[
+        str | None, flag_help("STR", f"{JUMPING_CAMERA}; {WALKING_CAMERA} with --planner walking")
+    ] = None
+    """d435i: with the errors of a stereo camera. d435i_whole: its whole image. ideal: true depth.
 
     Or a TOML file, see saltus camera show.
     """
@@ -132,7 +143,9 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
         from saltus.terrain.curriculum import make_terrain
         from saltus.used_networks import SCAN
 
-        camera, robot = mounted_camera(self.camera, load_robot(self.robot))
+        walks = self.planner == "walking"
+        named = self.camera or (WALKING_CAMERA if walks else JUMPING_CAMERA)
+        camera, robot = mounted_camera(named, load_robot(self.robot))
         make_terrain(self.course)
         refuse_shift(load_profile(self.profile, robot).heightmap, "a robot that sees with a camera")
         compensation_for(self.known, robot)
@@ -142,7 +155,6 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
         )
         if self.commands is not None:
             WishScript(self.commands)
-        walks = self.planner == "walking"
         if heightmap is None and not walks and self.robot != DEFAULT_ROBOT:
             heightmap = SCAN
         if walks:
@@ -153,7 +165,7 @@ class RunOptions(ModelOptions, HardwareOptions, RobotOption):
             robot=self.robot, grid=WALKING_GRID if walks else DEFAULT_GRID, terrain=self.course,
             seed=self.seed,
             pace=self.pace,
-            camera=self.camera, renderer=self.renderer, profile=self.profile, known=self.known,
+            camera=named, renderer=self.renderer, profile=self.profile, known=self.known,
             planner=self.planner, heights=self.heights,
             policy_model=policy, heightmap_model=heightmap, speed=self.speed,
             commands=None if self.commands is None else str(self.commands),
