@@ -6,7 +6,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from saltus.grid import LINE
 from saltus.recordings.recording import Recording
 from saltus.recordings.report import RunData, join_by_step
 from saltus.sim.video import FPS, render_run
@@ -43,8 +42,8 @@ def write_run_video(recording: Recording, path: Path) -> None:
         data.time_s,
         base_pose,
         joint_position,
-        LINE,
-        _heights(data),
+        recording.grid,
+        _heights(data, recording.grid.size),
         size=ROBOT,
     )
     total = int(data.time_s[-1] * FPS) if len(data.time_s) else 0
@@ -83,8 +82,8 @@ def _keep(
         yield frame
 
 
-def _heights(data: RunData) -> np.ndarray:
-    """Predicted heights of every step, shape (n, 30);
+def _heights(data: RunData, size: int) -> np.ndarray:
+    """Predicted heights of every step, shape (n, size);
     NaN, which is not drawn, where there is no usable prediction.
     """
     rows = []
@@ -95,6 +94,6 @@ def _heights(data: RunData) -> np.ndarray:
             HeightmapStatus.DEGRADED,
         )
         rows.append(
-            heightmap.height if heightmap is not None and usable else np.full(LINE.size, np.nan)
+            heightmap.height if heightmap is not None and usable else np.full(size, np.nan)
         )
     return np.array(rows)
