@@ -39,8 +39,8 @@ NATIVE_PIXELS = 5
 """Native pixels of a D435i at 424x240, in each direction, for one pixel of the model."""
 DECIMATION = 6
 """Native pixels of a D435i, in each direction, for one pixel of `d435i_whole`: librealsense's
-decimation filter takes 2 to 8, and drops what is left over. 70x40 pixels are as many as the scan
-reads of an image (`saltus.heightmap.scan.scan_camera.PIXELS`)."""
+decimation filter takes 2 to 8, and drops what is left over. So all pixels are read by the scan,
+which takes about as many of an image (`saltus.heightmap.scan.scan_camera.PIXELS`)."""
 _ROUNDING = 1e-9
 _TURN = (-math.pi, math.pi)
 _LARGEST = 4096  # of an image's sides [px]
@@ -270,7 +270,7 @@ def _whole(table: str, view: dict[str, Any]) -> dict[str, Any]:
 
 
 # At the left border of a whole image nothing is matched. Hole filling puts the depth of higher rows
-# there, which is farther: level ground beside a robot that stands was told 0.3 m too low.
+# there, which is farther: level ground beside a robot that stood was told 0.3 m too low.
 _UNFILTERED = {
     "hole_filling": {"mode": 0.0},
     "spatial_filter": {"magnitude": 0.0, "alpha": 1.0, "delta": 0.0, "holes_fill": 0.0},

@@ -93,7 +93,5 @@ def _heights(data: RunData, size: int) -> np.ndarray:
             HeightmapStatus.OK,
             HeightmapStatus.DEGRADED,
         )
-        rows.append(
-            heightmap.height if heightmap is not None and usable else np.full(size, np.nan)
-        )
+        rows.append(heightmap.height if heightmap is not None and usable else np.full(size, np.nan))
     return np.array(rows)

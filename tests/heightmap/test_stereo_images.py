@@ -3,6 +3,7 @@ and those that robots in roll-outs get.
 """
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,26 +12,36 @@ from samples import ROBOT, setups_of
 from synthetic_motion import gliding_robots
 
 from saltus.config import TerrainConfig
-from saltus.depth import MILLIMETRE, MODEL_CAMERA, NOTHING
-from saltus.depth_camera import SHIPPED, DepthCamera
+from saltus.depth import MILLIMETRE, MODEL_CAMERA, NOTHING, depth_frame, depth_in_millimetres
+from saltus.depth_camera import SHIPPED, DepthCamera, load_camera
 from saltus.effects.profile import Profile
 from saltus.grid import LINE
 from saltus.heightmap.data.closed_loop import closed_loop_episodes
 from saltus.heightmap.data.randomisation import random_mount
 from saltus.heightmap.data.robot_cameras import rendered_intrinsics, robot_cameras
 from saltus.heightmap.data.rollouts import RobotTrajectory, film_robots
+from saltus.heightmap.data.scan_heights import ScanHeights
+from saltus.heightmap.scan.predictor import ScanNetwork
+from saltus.heightmap.scan.scan_camera import ScanCamera, read_lens
 from saltus.heightmap.settings import ClosedLoop
 from saltus.loop.loop import STAND_STEPS, Loop
 from saltus.policy.planner import make_planner
 from saltus.render.camera import RobotCamera
+from saltus.render.embree import EmbreeRenderer
 from saltus.render.eyes import SAMPLED
 from saltus.render.randomisation import drawn_cameras
 from saltus.render.stereo.camera import IDEAL_STEREO, StereoConfig
 from saltus.render.stereo.model_view import COLUMNS, ROWS, pool_valid
+from saltus.robots.mount import Mount
+from saltus.setup import Setup
 from saltus.terrain.curriculum import make_terrain
 from saltus.trial import Trial
+from saltus.used_networks import model_path
 
-D435I = SHIPPED["d435i"]
+D435I, WHOLE = SHIPPED["d435i"], SHIPPED["d435i_whole"]
+IDEAL, IDEAL_WHOLE = SHIPPED["ideal"], replace(WHOLE, ideal=True)
+OWN = load_camera(str(Path(__file__).parents[2] / "examples" / "camera.toml"))
+STAIRS = make_terrain(TerrainConfig(terrain="stairs", difficulty=0.2))
 
 
 @pytest.fixture(scope="module")
@@ -136,12 +147,17 @@ def test_a_stereo_camera_without_errors_takes_true_images() -> None:
         assert np.median(np.abs(true.depth.astype(int) - seen.depth)[inside]) < 2.0
 
 
-def test_whole_images_have_the_pixels_of_which_the_model_gets_means() -> None:
-    terrain = make_terrain(TerrainConfig(terrain="stairs", difficulty=0.2))
-    setups = [
-        replace(each, camera=D435I)
-        for each in setups_of([terrain] * 3, [Trial.draw(seed) for seed in range(3)])
+def on_stairs(camera: DepthCamera) -> list[Setup]:
+    """Three robots whose camera sits where it says."""
+    drawn = setups_of([STAIRS] * 3, [Trial.draw(seed) for seed in range(3)])
+    return [
+        replace(each, camera=camera, robot=camera.mounted_on(each.robot), profile=Profile())
+        for each in drawn
     ]
+
+
+def test_whole_images_have_the_pixels_of_which_the_model_gets_means() -> None:
+    setups = on_stairs(D435I)
     rollout = Loop(setups, make_planner("scripted", ROBOT, LINE))
     pairs = [robot_cameras(setups, whole=whole)[0] for whole in (False, True)]
     for i in range(3):
@@ -150,7 +166,90 @@ def test_whole_images_have_the_pixels_of_which_the_model_gets_means() -> None:
         if means is None or whole is None:
             assert i % 2 == 1
             continue
-        lens = rendered_intrinsics(D435I)
+        lens = rendered_intrinsics(D435I, whole=True)
+        assert lens == SAMPLED
         assert whole.depth.shape == (3, lens.height, lens.width)
         expected = pool_valid(whole.depth * MILLIMETRE, ROWS, COLUMNS) / MILLIMETRE
         np.testing.assert_allclose(means.depth, expected, atol=1.0)  # both in whole millimetres
+
+
+@pytest.mark.parametrize("camera", [WHOLE, OWN, replace(OWN, ideal=True)])
+def test_whole_images_of_a_wide_camera_are_those_of_its_own_pixels_that_the_scan_reads(
+    camera: DepthCamera,
+) -> None:
+    setups = on_stairs(camera)
+    step = Loop(setups, make_planner("scripted", ROBOT, LINE)).step()
+    given = robot_cameras(setups, IDEAL_STEREO, whole=True)[0].expose(step.truth, 0, step.fresh)
+    assert given is not None
+    truth, view = step.truth, RobotCamera.on(setups[0].robot, camera.image)
+    sent = depth_in_millimetres(
+        EmbreeRenderer(STAIRS, view).render_batch(
+            truth.position_base_in_world, truth.quaternion_base_in_world, truth.joint_position
+        )
+    )
+    lens, scan = read_lens(camera.image), ScanCamera(Mount.of(setups[0].robot))
+    for image, own in zip(given.depth, sent, strict=True):
+        seen, run = (
+            scan.points(depth_frame(of, depth), np.array([0.0, 0.0, 1.0]), 0.3)
+            for of, depth in ((lens, image), (camera.image, own))
+        )
+        np.testing.assert_allclose(seen.depth, run.depth, atol=2e-3)
+        np.testing.assert_allclose(seen.points, run.points, atol=1e-2)
+        assert np.ptp(seen.points[:, 1]) > 1.0  # the model's image of this ground is 0.5 m wide
+
+
+def test_pixels_that_are_read_look_where_those_of_the_image_do() -> None:
+    up = np.array([0.0, 0.0, 1.0])
+    for lens in (WHOLE.image, D435I.image, OWN.image):
+        own = read_lens(lens)
+        read, whole = (
+            ScanCamera(Mount.of(ROBOT)).points(
+                depth_frame(of, np.full((of.height, of.width), 1000, np.uint16)), up, 0.3
+            )
+            for of in (own, lens)
+        )
+        np.testing.assert_allclose(read.points, whole.points, atol=1e-6)
+        assert len(read.points) == own.width * own.height
+        assert (own == lens) == (lens == WHOLE.image)
+
+
+def test_images_of_cameras_that_see_no_more_than_the_model_are_as_they_were() -> None:
+    narrow = replace(D435I, image=replace(D435I.image, height=120, cy=60.0))
+    for camera, lens in (
+        (D435I, SAMPLED),
+        (narrow, SAMPLED),
+        (SHIPPED["ideal"], MODEL_CAMERA),
+    ):
+        assert rendered_intrinsics(camera, whole=True) == rendered_intrinsics(camera) == lens
+    assert rendered_intrinsics(WHOLE, whole=True) == WHOLE.image
+    assert rendered_intrinsics(WHOLE) == SAMPLED
+
+
+def test_the_range_of_a_wide_camera_masks_its_whole_image() -> None:
+    short = replace(WHOLE, range_m=(0.3, 0.6))
+    setups = on_stairs(WHOLE)
+    step = Loop(setups, make_planner("scripted", ROBOT, LINE)).step()
+    everything, near = (
+        robot_cameras([replace(each, camera=camera) for each in setups], IDEAL_STEREO, whole=True)[
+            0
+        ].expose(step.truth, 0, step.fresh)
+        for camera in (WHOLE, short)
+    )
+    assert everything is not None
+    assert near is not None
+    inside = (everything.depth >= 300) & (everything.depth <= 600)
+    np.testing.assert_array_equal(near.depth, np.where(inside, everything.depth, 0))
+    assert inside[..., :10].any()  # beside what the model sees
+
+
+def test_the_model_is_given_the_middle_of_the_images_of_a_wide_camera() -> None:
+    network = ScanNetwork(model_path("scan"))
+    sources = [ScanHeights(network, on_stairs(camera)) for camera in (IDEAL, IDEAL_WHOLE)]
+    for source in sources:
+        Loop(on_stairs(IDEAL), make_planner("scripted", ROBOT, LINE), heights=source).step()
+    narrow, wide = (source.given for source in sources)
+    assert narrow is not None
+    assert wide is not None
+    assert wide.depth.shape == narrow.depth.shape == (3, 48, 16)
+    off_mm = np.abs(np.minimum(narrow.depth, 3000).astype(int) - wide.depth)
+    assert np.median(off_mm) < 3

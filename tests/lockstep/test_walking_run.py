@@ -3,8 +3,10 @@
 They obey an operator, and the run repeats to the bit.
 """
 
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,8 +14,9 @@ from lockstep_run import check_repeats, recorded_run
 from samples import ROBOT
 from walking_policies import put_policy
 
+from saltus.cli import video
 from saltus.config import RunConfig, TerrainConfig
-from saltus.grid import SCAN_AND_LINE, WALKING_GRID
+from saltus.grid import SCAN_AND_LINE, WALKING_GRID, HeightGrid
 from saltus.policy.joints.footing import BEARS_NS, LONGEST_NS
 from saltus.policy.joints.walker import STOP_NS
 from saltus.recordings.recording import Recording, read_recording
@@ -105,6 +108,22 @@ def test_each_state_gets_one_plan_of_whoever_moves_the_robot(recording: Recordin
     assert len(set(steps)) == len(steps) >= LENGTH_S * 100
     assert {bool(plan.reason) == (plan.status != 1) for plan in (*walks, *jumps)} == {True}
     assert next(iter(recording.of(Heightmap))).height.shape == (SCAN_AND_LINE.size,)
+
+
+def test_its_video_shows_heights_on_the_grid_of_the_run(
+    recording: Recording, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    drawn: list[tuple[HeightGrid, tuple[int, ...]]] = []
+
+    def render(*arguments: Any, **_: Any) -> Iterator[Any]:
+        drawn.append((arguments[5], arguments[6].shape))
+        return iter(())
+
+    monkeypatch.setattr(video, "render_run", render)
+    monkeypatch.setattr(video, "encode", lambda *_, **__: 0)
+    video.write_run_video(recording, tmp_path / "run.mp4")
+    steps = len(list(recording.of(GroundTruth)))
+    assert drawn == [(recording.grid, (steps, SCAN_AND_LINE.size))]
 
 
 @pytest.mark.sample(1)

@@ -19,6 +19,7 @@ from saltus.cli.output import without_infinities
 from saltus.cli.parsing import BAD_INPUT
 from saltus.config import RunConfig
 from saltus.errors import SaltusError
+from saltus.policy.evaluation.walking_trials import WalkTrials
 from saltus.runtime.programs import Program
 
 
@@ -64,6 +65,29 @@ def test_every_command_has_examples_that_it_takes_and_defaults_that_are_none_of_
 def test_a_flag_stays_on_where_defaults_are_read_from_what_goes_on(words: str) -> None:
     group: Any = command_of(words.split()).command
     assert getattr(group, "command", group).json is True
+
+
+@pytest.mark.parametrize(
+    ("words", "camera"),
+    [
+        ("demo", "d435i"),
+        ("up --planner scripted", "d435i"),
+        ("up --planner walking", "d435i_whole"),
+        ("demo --planner walking --camera ideal", "ideal"),
+    ],
+)
+def test_a_run_that_walks_sees_the_whole_image_unless_a_camera_is_named(
+    words: str, camera: str
+) -> None:
+    run: Any = command_of(words.split())
+    assert run.config(1.0).camera == camera
+
+
+def test_trials_of_walking_have_the_camera_of_runs_that_walk() -> None:
+    trials: Any = command_of(["policy", "walk", "trials"])
+    while hasattr(trials, "command"):
+        trials = trials.command
+    assert trials.camera == WalkTrials.camera == "d435i_whole"
 
 
 def test_json_has_no_infinities() -> None:

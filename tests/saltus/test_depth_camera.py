@@ -10,7 +10,7 @@ import pytest
 from samples import PROFILE, ROBOT, level_truth
 
 from saltus.config import TerrainConfig
-from saltus.depth import MODEL_CAMERA, Intrinsics, depth_in_millimetres, model_image
+from saltus.depth import D435I, MODEL_CAMERA, Intrinsics, depth_in_millimetres, model_image
 from saltus.depth_camera import SHIPPED, DepthCamera, load_camera, recorded_camera
 from saltus.effects.camera import CameraChain
 from saltus.effects.image_delivery import CameraLatency
@@ -20,7 +20,8 @@ from saltus.render.camera import RobotCamera
 from saltus.render.embree import EmbreeRenderer
 from saltus.render.exposure import PerfectExposure
 from saltus.render.process import CameraProcess
-from saltus.render.stereo.camera import IDEAL_STEREO, StereoConfig
+from saltus.render.stereo.camera import IDEAL_STEREO, UNFILTERED, StereoConfig
+from saltus.render.stereo.optics import StereoOptics
 from saltus.terrain.curriculum import make_terrain
 
 EXAMPLE = load_camera(str(Path(__file__).parents[2] / "examples" / "camera.toml"))
@@ -69,6 +70,15 @@ def test_a_file_changes_what_it_names(tmp_path: Path) -> None:
         for n, f in ((640, EXAMPLE.image.fx), (480, EXAMPLE.image.fy))
     )
     assert (width, height) == (pytest.approx(87.0), pytest.approx(58.0))
+
+
+def test_the_whole_image_of_a_d435i_has_the_errors_of_its_sensor_and_no_filters() -> None:
+    whole = SHIPPED["d435i_whole"]
+    optics = StereoOptics.behind(whole.image, whole)
+    assert (optics.focal_px, optics.pitch_x, optics.pitch_y) == pytest.approx((D435I.fx, 6.0, 6.0))
+    assert optics.first_column == pytest.approx(0.0)
+    assert StereoConfig.of(whole) == UNFILTERED
+    assert (6 * whole.image.width, 6 * whole.image.height) == (420, 240)  # of 424 x 240
 
 
 WRONG = ('"here"', "true", "3.5", "[1, 2]", "[[1]]", '["a", "b", "c"]', "{ here = 1 }")
