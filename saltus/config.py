@@ -27,8 +27,8 @@ RunHeights = Literal["predicted", "true"]
 LinkName = Literal["here", "dds"]
 
 JUMPING_CAMERA, WALKING_CAMERA = "d435i", "d435i_whole"
-"""Cameras of runs and trials that name none. The network of a robot that jumps uses the centre of an
-image only; one that walks has its feet beside the middle line, and sees there by the scan's."""
+"""Cameras of runs and trials that name none. The network of a robot that jumps uses the centre of
+an image only; one that walks has its feet beside the middle line, and sees there by the scan's."""
 
 Config = TypeVar("Config")
 

@@ -27,7 +27,7 @@ class ShowCamera(RobotOption, JsonOption):
     """
 
     camera: tyro.conf.Positional[str] = "d435i"
-    """Name, ideal or d435i, or a TOML file."""
+    """Name, ideal, d435i or d435i_whole, or a TOML file."""
     course: CourseOptions = field(default_factory=SizedCourse)
     out: Annotated[Path | None, flag_help("PATH", "a new one, runs/DATE-camera")] = None
     """Folder for camera.html, and for camera.toml, which says all of it."""
