@@ -348,21 +348,26 @@ def test_commands_beyond_what_was_trained_are_cut_off(policy: Noted) -> None:
         np.testing.assert_allclose(policy.given[-1][6:9], end, atol=1e-6)
 
 
+@pytest.mark.parametrize("stands", [0, 10, 22, 100])
 @pytest.mark.parametrize("speed", [0.0, 0.5, 1.4, 3.0])
 @pytest.mark.parametrize("velocity", [AT_REST, AHEAD])
-def test_a_robot_that_jumps_is_caught_at_once_and_led_on(
-    policy: Noted, speed: float, velocity: PlanarVelocity
+def test_a_robot_that_jumps_is_caught_at_once_and_led_on_until_all_feet_stand(
+    policy: Noted, speed: float, velocity: PlanarVelocity, stands: int
 ) -> None:
     """Asked for a slow walk first, no faster than it is, and soon for what is told."""
     walker, first = Walker(ROBOT, policy), 100
     policy.given.clear()
-    for step in range(first, first + 90):
+    for step in range(first, first + 94):
         mode = ControllerMode.RUN if step == first else ControllerMode.WALK
-        here = state(step, mode, velocity_base_in_world=np.array([speed, 0.0, 0.2]))
+        here = state(
+            step, mode, velocity_base_in_world=np.array([speed, 0.0, 0.2]),
+            leg_trusted=np.array([True, step >= first + stands, True, True]),
+        )  # fmt: skip
         walker.plan(PlannerDecision(state=here, heights=LEVEL, velocity=velocity))
         assert walker.slows(here) or step > first
     ahead, aside = (np.array([vector[at] for vector in policy.given]) for at in (6, 7))
-    is_led = np.arange(len(ahead)) * 20_000_000 < CAUGHT_NS
+    led_ns = np.clip(stands * STEP_NS, *CAUGHT_NS)
+    is_led = np.arange(len(ahead)) * 20_000_000 < led_ns
     assert is_led.any()
     assert speed == 0.0 or not is_led.all()  # one at rest may stand before
     slow = max(min(speed, CAUGHT_MPS), velocity[0])
