@@ -94,6 +94,15 @@ class StackedProblem(Problem):
             found[name] = other
         return found
 
+    def replayed_alike(self, effects: Sequence[str]) -> Problem:
+        """See `Problem`."""
+        each = tuple(problem.replayed_alike(effects) for problem in self._problems)
+        if each == self._problems:
+            return self
+        other = copy(self)
+        other._problems = each
+        return other
+
     def _merge_candidates(self) -> None:
         self._alone = [_without_effects(problem) for problem in self._problems]
         """Unknowns of each problem where all unknowns of this one are 0, shape (blocks,
@@ -282,6 +291,11 @@ class RebasedProblem(WrappedProblem):
     def residuals(self, unknowns: Floats) -> Floats:
         """See `Problem`."""
         return self._inner.residuals(unknowns + self._offset)
+
+    def replayed_alike(self, effects: Sequence[str]) -> Problem:
+        """See `Problem`."""
+        alike = self._bare.replayed_alike(effects)
+        return self if alike is self._bare else RebasedProblem(alike, self._profile)
 
     def leaner(self) -> dict[str, Problem]:
         """See `Problem`."""

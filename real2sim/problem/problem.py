@@ -9,6 +9,7 @@ nothing of robots, and problems know nothing of statistics.
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import KW_ONLY, dataclass, fields
 from typing import Any
 
@@ -315,6 +316,13 @@ class Problem(ABC):
         """
         return self, profile
 
+    def replayed_alike(self, effects: Sequence[str]) -> "Problem":
+        """The problem in which every model is replayed as one with these effects;
+        itself if it is so.
+        """
+        del effects
+        return self
+
     @property
     def names(self) -> tuple[str, ...]:
         """Names of all unknowns, "effect.unknown"."""
@@ -373,3 +381,12 @@ class WrappedProblem(Problem):
     def explanatory_variables(self) -> tuple[ExplanatoryVariable, ...]:
         """See `Problem`."""
         return self._inner.explanatory_variables()
+
+    def replayed_alike(self, effects: Sequence[str]) -> Problem:
+        """See `Problem`."""
+        inner = self._inner.replayed_alike(effects)
+        if inner is self._inner:
+            return self
+        problem = copy(self)
+        problem._inner = inner
+        return problem

@@ -9,6 +9,7 @@ import numpy as np
 from saltus.arrays import Floats
 from saltus.real2sim.problem.problem import ParameterEstimate, Problem
 from saltus.real2sim.search import decide, estimates, signature
+from saltus.real2sim.search.choose import choose_among
 from saltus.real2sim.search.decide import ModelComparison, ScoredFit
 from saltus.real2sim.search.findings import (
     FoundEffect,
@@ -25,7 +26,6 @@ from saltus.real2sim.search.quadratic import (
     QuadraticCost,
     gains_spread,
     held_out_gains,
-    score_dispersion,
 )
 from saltus.real2sim.search.repeats import closed_of_repeating, repeats_of
 from saltus.real2sim.search.reported import (
@@ -62,13 +62,8 @@ def findings(
     known: KnownFits,
 ) -> SearchFindings:
     """Findings from all fitted models; `evaluate` simulates the stated values."""
-    scored = [comparison.score(each) for each in known.fits.values()]
-    best = min(scored, key=lambda each: each.total).fit  # its residuals are closest to noise
-    wide = score_dispersion(
-        best.quadratic(comparison.layout, comparison.split), np.ones(len(best.columns), dtype=bool)
-    )
-    chosen = decide.choose(comparison, scored, wide)
-    null = next(each for each in scored if not each.fit.model)
+    choice = choose_among(comparison, known.fits.values())
+    scored, wide, null, chosen = choice.scored, choice.dispersion, choice.null, choice.chosen
     around = known.quadratic(chosen.fit.model)
     # With the derivatives that `quadratic` has renewed
     chosen = comparison.score(known.fits[chosen.fit.model])

@@ -11,7 +11,7 @@ from saltus.real2sim.search.findings import EffectConfusion
 from saltus.real2sim.search.model_fit import ModelFit
 from saltus.real2sim.search.quadratic import gains_downside, held_out_gains
 from saltus.real2sim.search.quadratic import score_dispersion as quadratic_dispersion
-from saltus.real2sim.search.residual_split import CHANCE, TEST, ResidualCells, ResidualSplit
+from saltus.real2sim.search.residual_split import TEST, ResidualCells, ResidualSplit
 from saltus.real2sim.search.unknowns_layout import ModelEffects, UnknownsLayout
 
 GAIN_NATS = 10.0
@@ -146,74 +146,7 @@ def explains(comparison: ModelComparison, null: ModelFit, fit: ModelFit) -> bool
     return comparison.cells.share_gone(before, after, shows) >= CLOSED_SHARE[0]
 
 
-def choose(
-    comparison: ModelComparison, scored: Sequence[ScoredFit], dispersion: float
-) -> ScoredFit:
-    """The smallest model that no larger one beats by more than chance and misfit.
-
-    Starts with the model without effects. A larger model replaces the current one if it leads,
-    closes enough of what the current one leaves, and has no idle effect. Among models of one size
-    the held-out cost decides.
-    """
-    null = next(each for each in scored if not each.fit.model)
-    held = null
-    for size in range(1, max(len(each.fit.model) for each in scored) + 1):
-        rivals = sorted(
-            (each for each in scored if len(each.fit.model) == size), key=lambda each: each.total
-        )
-        for rival in rivals[: SET_SIZE if size > 1 else 1]:
-            if _replaces(comparison, scored, held, rival, dispersion):
-                held = rival
-                break
-    return held
-
-
-def _replaces(
-    comparison: ModelComparison,
-    scored: Sequence[ScoredFit],
-    held: ScoredFit,
-    rival: ScoredFit,
-    dispersion: float,
-) -> bool:
-    if not comparison.lead(held, rival, _dispersion_of(comparison, held, rival, dispersion)):
-        return False
-    is_clear, further = False, 0.0
-    if held.fit.model:
-        null = next(each for each in scored if not each.fit.model)
-        more = comparison.closed(null, null, rival) - comparison.closed(null, null, held)
-        further = comparison.closed(null, held, rival)
-        is_clear = further >= CLEAR_SHARE
-        if further < REMAINDER_SHARE or (
-            more < comparison.further_share and not _is_whole(comparison, rival, further)
-        ):
-            return False
-        if more < _chance(comparison, held.fit.model) and not is_clear:
-            return False
-        if any(
-            _in_resolutions(comparison.layout, rival.fit.unknowns, e) <= CERTAIN
-            for e in rival.fit.model
-        ):
-            return False
-    fits = {each.fit.model: each.fit for each in scored}
-    shown = {
-        effect: largest_rms(comparison, fits, rival.fit, effect) / comparison.size
-        for effect in rival.fit.model
-    }
-    smallest, sizes = min(shown, key=shown.__getitem__), sorted(shown.values())
-    by_value = counts_by_value(comparison.layout, rival.fit.unknowns, smallest)
-    if len(sizes) == 1:
-        return sizes[0] >= 1.0 or by_value
-    is_told = (
-        is_clear
-        and by_value
-        and _is_whole(comparison, rival, further)
-        and _takes_most(comparison, held, rival)
-    )
-    least = 0.0 if is_told else BESIDE if is_clear else TOGETHER
-    return sizes[0] >= least and sizes[1] >= TOGETHER
-
-
-def _dispersion_of(
+def dispersion_of(
     comparison: ModelComparison, held: ScoredFit, rival: ScoredFit, dispersion: float
 ) -> float:
     """Dispersion of what a rival gains: its own
@@ -230,38 +163,15 @@ def _dispersion_of(
     return quadratic_dispersion(fit.quadratic(comparison.layout, comparison.split), is_new)
 
 
-def _is_whole(comparison: ModelComparison, rival: ScoredFit, further: float) -> bool:
-    """True where a further effect explains all that was left but the simulators' disagreement."""
-    return further >= WHOLE_SHARE and not comparison.is_gap(rival.fit.residuals)
-
-
-def _takes_most(comparison: ModelComparison, held: ScoredFit, rival: ScoredFit) -> bool:
-    """True where all cells together show more than chance after `held`, and the held-out gain is
-    `LITTLE_SHARE` of it; noise may hide its standard deviation.
-    """
-    residuals, cells = held.fit.residuals, comparison.cells
-    count = len(residuals) * len(cells.rows)
-    shown = cells.together(residuals)
-    least = LITTLE_SHARE * (shown + np.sqrt(2.0 * count))
-    return shown > CHANCE * np.sqrt(count) and 2.0 * comparison.gain(held, rival) > least
-
-
-def _chance(comparison: ModelComparison, model: ModelEffects) -> float:
-    """Share of the gap that a model may leave to chance,
-    e.g. how a drive hunts between two steps.
-    """
-    return 1.0 - min(c.closable_share for c in comparison.layout.candidates if c.effect in model)
-
-
 def counts_by_value(layout: UnknownsLayout, unknowns: Floats, effect: str) -> bool:
     """True where an effect counts however few sigma it shows; unknowns of shape (blocks, unknowns).
 
     False where it is not known what two correct simulations differ by.
     """
-    return CLEARLY <= _in_resolutions(layout, unknowns, effect) < np.inf
+    return CLEARLY <= in_resolutions(layout, unknowns, effect) < np.inf
 
 
-def _in_resolutions(layout: UnknownsLayout, unknowns: Floats, effect: str) -> float:
+def in_resolutions(layout: UnknownsLayout, unknowns: Floats, effect: str) -> float:
     """Size of an effect at the place where it is largest, in parts of what two correct simulations
     differ by; infinite where that is not known.
 
@@ -382,7 +292,7 @@ def ambiguities(
         beside = by_model.get(tuple(name for name in chosen.fit.model if name != effect), null)
         if comparison.closed(null, beside, rival) < REMAINDER_SHARE:
             continue  # it explains nothing of what the others leave
-        own = _dispersion_of(comparison, rival, chosen, dispersion)
+        own = dispersion_of(comparison, rival, chosen, dispersion)
         is_tied = not comparison.lead(rival, chosen, own)
         # Cosines come from derivatives, in the limit of small effects; at their real sizes a delay
         # and a filter may differ.

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -10,7 +11,10 @@ from saltus.real2sim.search import model_fit
 from saltus.real2sim.search.model_fit import ModelFit, ProblemEvaluator
 from saltus.real2sim.search.quadratic import QuadraticCost
 from saltus.real2sim.search.residual_split import ResidualSplit
-from saltus.real2sim.search.unknowns_layout import ModelEffects, UnknownsLayout
+from saltus.real2sim.search.unknowns_layout import ModelEffects, UnknownsLayout, with_effects
+
+PROPOSED = 6
+"""Number of larger models that are fitted after each set of derivatives."""
 
 
 class KnownFits:
@@ -50,6 +54,37 @@ class KnownFits:
         return sorted(
             (each for each in self.fits.values() if len(each.model) == size), key=self.cost
         )
+
+    def proposed(self, best_so_far: ModelEffects, size: int) -> list[ModelEffects]:
+        """Models of `size` effects, and swaps in the best one so far,
+        that fit best by its quadratic.
+        """
+        quadratic = self.quadratic(best_so_far)
+        effects = self._layout.effects
+        if size == 2:
+            models = [with_effects(pair) for pair in combinations(effects, 2)]
+        else:
+            rest = [effect for effect in effects if effect not in best_so_far]
+            models = [with_effects([*best_so_far, new]) for new in rest]
+            models += [
+                with_effects([*kept, new])
+                for kept in combinations(best_so_far, len(best_so_far) - 1)
+                for new in rest
+            ]
+        costs = {
+            model: quadratic.fit_cost(quadratic.where(self._layout.of_model(model)))
+            for model in models
+        }
+        return sorted(costs, key=costs.__getitem__)[:PROPOSED]
+
+    def others(self, best_so_far: ModelEffects, size: int) -> list[ModelEffects]:
+        """Further models from which larger ones are proposed:
+        the second best, and for pairs the empty one.
+
+        The best may imitate the whole truth while the second best is a part of it.
+        """
+        next_best = [each.model for each in self.of_size(size) if each.model != best_so_far][:1]
+        return [(), *next_best] if size == 1 else next_best
 
     def cost(self, each: ModelFit) -> float:
         """Sum of squares of the residuals that fits see."""

@@ -16,15 +16,15 @@ It knows problems (`saltus.real2sim.problem.problem`), not robots. Steps:
 
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 
 from saltus.arrays import Floats
 from saltus.real2sim.problem.problem import Problem
 from saltus.real2sim.search import conclude, decide, model_fit
+from saltus.real2sim.search.choose import choose_among, is_part
 from saltus.real2sim.search.findings import SearchFindings
-from saltus.real2sim.search.known_fits import KnownFits
+from saltus.real2sim.search.known_fits import PROPOSED, KnownFits
 from saltus.real2sim.search.model_fit import ModelFit, ProblemEvaluator
 from saltus.real2sim.search.residual_split import ResidualCells, ResidualSplit
 from saltus.real2sim.search.unknowns_layout import ModelEffects, UnknownsLayout, with_effects
@@ -34,8 +34,6 @@ REFITTED = 4
 
 In practice the truth is among the best four.
 """
-PROPOSED = 6
-"""Number of larger models that are fitted after each set of derivatives."""
 PATIENCE = 3
 """Rounds of fits with fresh derivatives for unions of two good models, which converge slowly."""
 LARGEST = 3
@@ -54,7 +52,16 @@ def search_effects(
     """
     if not len(problem.time_s):
         return SearchFindings(problem=problem.name, verdict="no_gap", untestable=problem.untestable)
-    return _Search(problem, progress, seed).run()
+    search = _Search(problem, progress, seed)
+    findings = search.run()
+    model = findings.residuals.effects if findings.residuals is not None else ()
+    alike = problem.replayed_alike(model)
+    if alike is problem or findings.verdict not in ("named", "set"):
+        return findings
+    if not search.is_moved(alike, model):
+        return findings
+    again = _Search(alike, progress, seed).run()
+    return replace(again, evaluations=findings.evaluations + again.evaluations)
 
 
 class _Search:
@@ -95,6 +102,17 @@ class _Search:
                     self._fit_told_by_value(best)
             self._refit_rivals()
         return conclude.findings(self._problem, self._comparison, self._evaluate, self._known)
+
+    def is_moved(self, alike: Problem, model: ModelEffects) -> bool:
+        """True where a model without one of its effects is another in a replay like that of the
+        model, by what counts as an effect: that replay may close what the effect seems to.
+        """
+        parts = [part for part in self._known.fits.values() if is_part(part.model, model)]
+        if not parts:
+            return False
+        moved = alike.residuals(np.array([part.unknowns for part in parts]))
+        change = moved - np.array([part.residuals for part in parts])
+        return float(np.sqrt(self._comparison.cells.power(change).max())) > self._comparison.size
 
     def _is_worth_fitting(self) -> bool:
         """True where the quadratic promises a larger gain than chance from all effects together."""
@@ -159,13 +177,13 @@ class _Search:
         """Fits models of up to `size` effects that the derivatives
         at the best model so far propose.
         """
-        others = self._others(best_so_far, size - 1)
+        others = self._known.others(best_so_far, size - 1)
         for model in (best_so_far, *others):
             self._known.library(model)
             self._fit_union(best_so_far, model, size)
-        proposed = self._propose(best_so_far, size)
+        proposed = self._known.proposed(best_so_far, size)
         for other in others:
-            proposed += self._propose(other, size)[: PROPOSED // 2]
+            proposed += self._known.proposed(other, size)[: PROPOSED // 2]
         models = dict.fromkeys(model for model in proposed if model not in self._known.fits)
         starts = [
             start
@@ -253,6 +271,21 @@ class _Search:
         self._known.keep(
             model_fit.renew_derivatives(self._evaluate, self._layout, rivals, "rivals")
         )
+        self._refit_parts()
+
+    def _refit_parts(self) -> None:
+        """Fits the chosen model without each of its effects, from its values, until it stays.
+
+        What an effect adds to a poor fit of the others it may not explain.
+        """
+        tried: set[ModelEffects] = set()
+        while True:
+            fits = self._known.fits.values()
+            model = choose_among(self._comparison, fits).chosen.fit.model
+            if len(model) < 2 or model in tried:
+                return
+            tried.add(model)
+            self._eliminate(model)
 
     def _from_above(self, models: list[ModelEffects]) -> list[ModelFit]:
         """Starts of models from fits of one more effect that promise a gain.
@@ -372,36 +405,3 @@ class _Search:
         for each in better:
             self._known.forget(each.model)
         self._refit([each.model for each in better], stage)
-
-    def _propose(self, best_so_far: ModelEffects, size: int) -> list[ModelEffects]:
-        """Models of `size` effects, and swaps in the best one so far,
-        that fit best by its quadratic.
-        """
-        quadratic = self._known.quadratic(best_so_far)
-        effects = self._layout.effects
-        if size == 2:
-            models = [with_effects(pair) for pair in combinations(effects, 2)]
-        else:
-            rest = [effect for effect in effects if effect not in best_so_far]
-            models = [with_effects([*best_so_far, new]) for new in rest]
-            models += [
-                with_effects([*kept, new])
-                for kept in combinations(best_so_far, len(best_so_far) - 1)
-                for new in rest
-            ]
-        costs = {
-            model: quadratic.fit_cost(quadratic.where(self._layout.of_model(model)))
-            for model in models
-        }
-        return sorted(costs, key=costs.__getitem__)[:PROPOSED]
-
-    def _others(self, best_so_far: ModelEffects, size: int) -> list[ModelEffects]:
-        """Further models from which larger ones are proposed:
-        the second best, and for pairs the empty one.
-
-        The best may imitate the whole truth while the second best is a part of it.
-        """
-        next_best = [each.model for each in self._known.of_size(size) if each.model != best_so_far][
-            :1
-        ]
-        return [(), *next_best] if size == 1 else next_best

@@ -8,16 +8,18 @@ from linear_problem import ChoiceProblem, LinearProblem
 from one_joint import WHERES as JOINTS
 from one_joint import OneJoint
 
+from benchmarks.left_out import NarrowedProblem
 from saltus.real2sim.search import model_fit
+from saltus.real2sim.search.choose import choose, choose_among
 from saltus.real2sim.search.decide import (
     SIZE_RMS,
     ModelComparison,
     ScoredFit,
-    _dispersion_of,
+    dispersion_of,
 )
 from saltus.real2sim.search.residual_split import ResidualCells
 from saltus.real2sim.search.search import _Search, search_effects
-from saltus.real2sim.search.unknowns_layout import ModelEffects, UnknownsLayout
+from saltus.real2sim.search.unknowns_layout import ModelEffects, UnknownsLayout, with_effects
 
 
 def everywhere(effect: str, *values: float) -> dict[tuple[str, str, str], tuple[float, ...]]:
@@ -204,7 +206,7 @@ def test_an_effect_with_residuals_of_its_own_gains_by_its_own_scatter(is_apart: 
         return comparison.score(model_fit.renew_derivatives(evaluate, layout, fits, "")[0])
 
     held, rival = scored(("e1",)), scored(("e1", "e5 of a thigh"))
-    found = _dispersion_of(comparison, held, rival, 300.0)
+    found = dispersion_of(comparison, held, rival, 300.0)
     assert found < 3.0 if is_apart else found == 300.0
 
 
@@ -271,11 +273,12 @@ def test_a_segment_too_short_to_test_by_names_nothing_however_large_its_effect()
 class TrappedProblem(LinearProblem):
     """A clock of two minima: from none, slopes lead to the worse one."""
 
-    def __init__(self) -> None:
-        super().__init__(sizes("e1", 8.0) | {("clock", "hip", block): 6.0 for block in BLOCKS})
-        *effects, clock = self.candidates
-        unknown = replace(clock.unknowns[0], low=-0.5)
-        self.candidates = (*effects, replace(clock, unknowns=(unknown,)))
+    def __init__(self, beside: dict[tuple[str, str, str], float] | None = None) -> None:
+        clock = {("clock", "hip", block): 6.0 for block in BLOCKS}
+        super().__init__(sizes("e1", 8.0) | clock | (beside or {}))
+        *effects, last = self.candidates
+        unknown = replace(last.unknowns[0], low=-0.5)
+        self.candidates = (*effects, replace(last, unknowns=(unknown,)))
 
     def residuals(self, unknowns: np.ndarray) -> np.ndarray:
         clock = unknowns[..., -1:]
@@ -295,3 +298,47 @@ def test_a_model_takes_the_nuisances_that_a_larger_one_has_found() -> None:
     )
     searched._refit_rivals()
     assert known.fits[("e1",)].unknowns[:, -1] == pytest.approx(3.0, abs=0.1)
+
+
+@pytest.mark.parametrize("extra", ["e0", "e3", "e4", "e5"])
+def test_no_effect_is_chosen_for_what_the_others_lack_of_a_good_fit(extra: str) -> None:
+    """Also where the others fit worse so far than several models of their size."""
+    searched = _Search(TrappedProblem(sizes("e2", 1.3)), None, 0)
+    searched.run()
+    known, layout = searched._known, searched._layout
+    others = [with_effects(["e1", other]) for other in ("e0", "e3", "e4", "e5")]
+    larger = with_effects(["e1", "e2", extra])
+    for model in (("e1", "e2"), larger, *others):
+        unknowns = known.fits[("e1",)].unknowns.copy()
+        unknowns[:, -1] = -0.5 if model == ("e1", "e2") else 3.0
+        known.fits[model] = model_fit.begun(
+            searched._evaluate, layout, model, layout.of_model(model), unknowns, "test"
+        )
+    searched._refit([("e1", "e2"), larger, *others], "test")
+    assert known.cost(known.fits[("e1", "e2")]) > max(known.cost(known.fits[m]) for m in others)
+    searched._refit_rivals()
+    assert known.fits[("e1", "e2")].unknowns[:, -1] == pytest.approx(3.0, abs=0.1)
+    assert choose_among(searched._comparison, known.fits.values()).chosen.fit.model == ("e1", "e2")
+
+
+@pytest.mark.parametrize("extra", ["e0", "e3", "e4"])
+def test_each_effect_of_a_model_explains_what_its_others_leave(extra: str) -> None:
+    """One that only costs less and shows explains nothing, whatever models come before the true
+    one: dry friction quiets a drive that hunts between two steps of its encoder.
+    """
+    hidden = sizes("e1", 8.0) | sizes("e2", 4.0) | sizes("e5", 1.5)
+    searched = _Search(NarrowedProblem(LinearProblem(hidden), ["e5"]), None, 0)
+    searched.run()
+    fits, comparison = searched._known.fits, searched._comparison
+    alone, true = (comparison.score(fits[model]) for model in (("e1",), ("e1", "e2")))
+    hunt = LinearProblem({}, seed=1).measured - LinearProblem({}).measured
+
+    def cheaper(like: ScoredFit, *model: str) -> ScoredFit:
+        fit = replace(like.fit, model=with_effects(model), residuals=like.fit.residuals + hunt)
+        structure = comparison.cells.structure(fit.residuals)
+        return ScoredFit(fit=fit, held_out=0.5 * true.held_out, structure=structure)
+
+    false = [cheaper(alone, "e1", effect) for effect in ("e0", "e3", "e4")]
+    larger = cheaper(true, "e1", "e2", extra)
+    scored = [comparison.score(fits[()]), alone, true, *false, larger]
+    assert choose(comparison, scored, 1.0).fit.model == ("e1", "e2")

@@ -80,6 +80,7 @@ class JointProblem(Problem):
     name = "joints"
     _assumed: Kinks = ()
     _holds_limit = False
+    _is_fine = False
     held = (TorqueSaturation.name,)
 
     def __init__(self, log: RunLog) -> None:
@@ -174,6 +175,14 @@ class JointProblem(Problem):
         )
         return problem, replace(profile, actuator=told)
 
+    def replayed_alike(self, effects: Sequence[str]) -> Problem:
+        """See `Problem`: play is replayed in steps half as long."""
+        if self._is_fine or "backlash" not in effects:
+            return self
+        problem = copy(self)
+        problem._is_fine = True
+        return problem
+
     def columns_of(self, effect: str, place: str) -> slice:
         """Where the unknowns of an effect at a place of a leg stand."""
         return self._candidates.columns[effect, list(self.places[0]).index(place)]
@@ -220,7 +229,7 @@ class JointProblem(Problem):
         shape (samples, signals, branches, joints, sets).
         """
         motion, windows = self._motion, self._windows
-        if drives.backlash is not None:
+        if drives.backlash is not None or self._is_fine:
             # a rotor alone is ten times as fast as with its leg: it crosses a gap in a few steps
             motion, windows, drives = (
                 self._finer_motion,
