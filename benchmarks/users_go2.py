@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from benchmarks._command import Command
-from saltus.config import TerrainConfig
+from saltus.config import JUMPING_CAMERA, WALKING_CAMERA, TerrainConfig
 from saltus.effects.body import ContactCompliance, SoftFeet
 from saltus.effects.joint_loads import CoulombFriction, ViscousFriction
 from saltus.effects.profile import SHIPPED, load_profile
@@ -39,7 +39,6 @@ from saltus.used_networks import model_path, walking_path
 
 ROBOT = "go2"
 STAIRS = TerrainConfig(terrain="stairs", rise_m=0.20)
-CAMERA = "d435i"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +74,7 @@ class Benchmark(Command):
 
     def _jumps(self, folder: Path) -> dict[str, Any]:
         evaluation = EvaluationSettings(
-            robot=str(folder), grid=DEFAULT_GRID, camera=CAMERA, course=STAIRS,
+            robot=str(folder), grid=DEFAULT_GRID, camera=JUMPING_CAMERA, course=STAIRS,
             profile=str(folder / PROFILE_FILE), trials=self.trials, seed=self.seed,
         )  # fmt: skip
         predicted = PredictedHeightsFactory(model=model_path("heightmap", robot=ROBOT))
@@ -87,7 +86,7 @@ class Benchmark(Command):
 
     def _walks(self, folder: Path, ground: str) -> dict[str, Any]:
         trials = WalkTrials(
-            robot=str(folder), grid=WALKING_GRID, model=walking_path(ROBOT), camera=CAMERA,
+            robot=str(folder), grid=WALKING_GRID, model=walking_path(ROBOT), camera=WALKING_CAMERA,
             profile=str(folder / PROFILE_FILE),
         )  # fmt: skip
         predicted = ScanHeightSourceFactory(model=model_path("scan"))
