@@ -33,7 +33,7 @@ class ModelChoice:
 
     scored: tuple[ScoredFit, ...]
     dispersion: float
-    """Of the best of them: its residuals are closest to noise."""
+    """Dispersion of the best of them, whose residuals are closest to noise."""
     null: ScoredFit
     """The model without effects."""
     chosen: ScoredFit
