@@ -72,7 +72,7 @@ def is_within_model(camera: Intrinsics) -> bool:
 
 
 def _tangents(camera: Intrinsics) -> tuple[float, float, float, float]:
-    """How far a camera sees to the left, right, top and bottom, as tangents."""
+    """Tangents of the angles from its axis to which a camera sees: left, right, up and down."""
     right, bottom = camera.width - camera.cx, camera.height - camera.cy
     return camera.cx / camera.fx, right / camera.fx, camera.cy / camera.fy, bottom / camera.fy
 

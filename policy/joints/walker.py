@@ -34,9 +34,9 @@ UNDER_WAY = (ControllerMode.WALK, ControllerMode.COAST)
 8 fell, and 7 when it began anew."""
 CAUGHT_MPS, CAUGHT_NS = 0.3, (300_000_000, 900_000_000)
 """Way ahead for which the policy is asked when it catches a robot that jumps [m/s], as in trainings
-that begin in a jump, until all feet surely stand, within these times. Asked to stand while a foot
-is in the air, robots fall: on stairs of 0.20 m 48 of 50 of each robot stop within 1 m, where after
-0.35 s, whatever stands, 7 of 20 Go2 do (docs/history.md, "Catching a robot that jumps")."""
+that begin in a jump, until all feet surely stand, within these times. On stairs of 0.20 m 48 of 50
+of each robot stop so within 1 m; led for 0.35 s, whatever stands, 7 of 20 Go2 do (docs/history.md,
+"Catching a robot that jumps")."""
 ON_TIME = 0.75
 """Share of the policy's period after which it is asked again: states may be dated a bit early."""
 

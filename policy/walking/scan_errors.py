@@ -18,7 +18,7 @@ from saltus.policy.walking.settings import ScanErrorSettings
 _WIDTH = math.sqrt(3.0)  # half width of a uniform law by its standard deviation
 _STEP_M = 0.05  # way after which some errors change, half the scan's spacing: swaying is no way
 _LEVER_M = 0.54  # mean distance of the scan's points: their way where it turns by 1 rad
-_CELL_M = 0.1  # of the world, in which a dip is one number: half a stride, the scan's spacing
+_CELL_M = 0.1  # side of the world's cells, with one dip each: the scan's spacing
 _DEPTH_M = 0.4  # the deepest dip; of the trenches in which dips were measured, docs/walking.md
 _POWER = 3.0  # of a uniform number in dips: quartiles of 0.05, 0.13 and 0.3 of that were measured
 _WAVE = (12.9898, 78.233, 43758.5453)  # the hash of many a shader: sines of these look random

@@ -83,7 +83,7 @@ def test_a_foot_is_beside_a_drop_where_the_ground_close_to_it_is_far_lower_and_n
 
 
 def told_heights(scan, heights, places, error, drawn):
-    """What numpy and torch say that robots are told."""
+    """Heights that robots are told, by numpy, which torch has to equal."""
 
     def told(heights, x, y, error, shift, noise):
         return scan.observed(heights, (x, y), error, ScanDraws(shift, noise))

@@ -15,7 +15,7 @@ from saltus.real2sim.search.search import search_effects
 from saltus.real2sim.stacked_problem import RebasedProblem, StackedProblem
 
 ROUGH = 1.5
-"""Of a replay in long steps [sigma]."""
+"""Error of a replay in long steps [sigma]."""
 
 
 class LongStepsProblem(LinearProblem):
