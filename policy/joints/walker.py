@@ -94,8 +94,8 @@ class Walker:
         )
 
     def slows(self, state: RobotState) -> bool:
-        """True until it is slow, within the times of `STOP_NS`, and rests over its feet;
-        see `saltus.policy.mover.Mover.slows`.
+        """True until it is no longer led and slow, within the times of `STOP_NS`, and rests over
+        its feet; see `saltus.policy.mover.Mover.slows`.
         """
         if state.mode not in (*UNDER_WAY, ControllerMode.RUN):
             return False
@@ -103,7 +103,8 @@ class Walker:
             self._stopping_ns = state.time_ns
         since_ns, (least_ns, most_ns) = state.time_ns - self._stopping_ns, STOP_NS
         if self._footing is None:
-            if since_ns < least_ns or (since_ns < most_ns and not is_slow(state)):
+            stops = self._caught_mps > 0.0 or (since_ns < most_ns and not is_slow(state))
+            if stops or since_ns < least_ns:
                 return True
             self._footing = Footing(self._robot, state)
         return not self._footing.is_over(state)

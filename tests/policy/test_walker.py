@@ -355,19 +355,22 @@ def test_a_robot_that_jumps_is_caught_at_once_and_led_on_until_all_feet_stand(
     policy: Noted, speed: float, velocity: PlanarVelocity, stands: int
 ) -> None:
     """Asked for a slow walk first, no faster than it is, and soon for what is told."""
-    walker, first = Walker(ROBOT, policy), 100
+    walker, first, slowing = Walker(ROBOT, policy), 100, []
     policy.given.clear()
     for step in range(first, first + 94):
         mode = ControllerMode.RUN if step == first else ControllerMode.WALK
+        now = speed if step == first else 0.1 * speed  # slow at once, for a moment or for good
         here = state(
-            step, mode, velocity_base_in_world=np.array([speed, 0.0, 0.2]),
+            step, mode, velocity_base_in_world=np.array([now, 0.0, 0.2]),
             leg_trusted=np.array([True, step >= first + stands, True, True]),
         )  # fmt: skip
         walker.plan(PlannerDecision(state=here, heights=LEVEL, velocity=velocity))
-        assert walker.slows(here) or step > first
+        slowing.append(walker.slows(here))
     ahead, aside = (np.array([vector[at] for vector in policy.given]) for at in (6, 7))
     led_ns = np.clip(stands * STEP_NS, *CAUGHT_NS)
     is_led = np.arange(len(ahead)) * 20_000_000 < led_ns
+    assert slowing[0]
+    assert speed == 0.0 or all(slowing[: int(led_ns) // STEP_NS])
     assert is_led.any()
     assert speed == 0.0 or not is_led.all()  # one at rest may stand before
     slow = max(min(speed, CAUGHT_MPS), velocity[0])
