@@ -18,7 +18,8 @@ from saltus.policy.walking.settings import ScanErrorSettings
 _WIDTH = math.sqrt(3.0)  # half width of a uniform law by its standard deviation
 _STEP_M = 0.05  # way after which some errors change, half the scan's spacing: swaying is no way
 _LEVER_M = 0.54  # mean distance of the scan's points: their way where it turns by 1 rad
-_CELL_M = 0.1  # side of the world's cells, with one dip each: the scan's spacing
+_CELL_M = 0.1, 0.3  # of the world, with one dip each: dips further apart along y tell nothing of
+# each other, and of those one and two spacings apart 0.54 and 0.33 were measured (correlation)
 _DEPTH_M = 0.4  # the deepest dip; of the trenches in which dips were measured, docs/walking.md
 _POWER = 3.0  # of a uniform number in dips: quartiles of 0.05, 0.13 and 0.3 of that were measured
 _WAVE = (12.9898, 78.233, 43758.5453)  # the hash of many a shader: sines of these look random
@@ -101,7 +102,7 @@ def _random_of(places: tuple[Array, Array], seed: Scalars) -> Points:
     seed: dips stay where they are while a robot comes to them.
     """
     xp = namespace(seed)
-    x, y = (xp.floor(place / _CELL_M) for place in places)
+    x, y = (xp.floor(place / side) for place, side in zip(places, _CELL_M, strict=True))
     wave = _WAVE[2] * xp.sin(_WAVE[0] * x + _WAVE[1] * y + 1e2 * seed[:, None])
     return wave - xp.floor(wave)
 

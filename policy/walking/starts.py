@@ -13,6 +13,7 @@ import numpy as np
 from saltus.arrays import Array, ColumnNames, Constant, Joints, Scalars, namespace
 from saltus.config import check_between
 from saltus.policy.env.settings import SMALLEST
+from saltus.policy.joints.walker import CAUGHT_NS
 from saltus.robots.robot import Robot
 from saltus.rotations import quaternion_from_roll_pitch_yaw
 from saltus.sim.plant import CLEARANCE
@@ -20,7 +21,7 @@ from saltus.terrain.boxes import Boxes
 from saltus.terrain.course_law import scale_draw
 
 DRAWS = ColumnNames(
-    jumps=(), ahead=(), up=(), pitch=(), pitch_rate=(), yaw=(), angle=(12,), rate=(12,)
+    jumps=(), ahead=(), up=(), pitch=(), pitch_rate=(), yaw=(), angle=(12,), rate=(12,), led=()
 )
 """Uniform random numbers of a start."""
 _HALF_WIDTH = math.sqrt(3.0)  # of a uniform law by its standard deviation
@@ -116,6 +117,14 @@ def first_motion(
         quaternion=quaternion_from_roll_pitch_yaw(zero, pitch, yaw),
         velocity=xp.where(rows, velocity, xp.zeros_like(velocity)),
     )
+
+
+def led_time(draw: Scalars) -> Scalars:
+    """Time for which robots that begin in a jump are led ahead, before they may stand [s].
+
+    As `saltus.policy.joints.walker.CAUGHT_NS` has it; shape (n,), as the uniform numbers' is.
+    """
+    return scale_draw((1e-9 * CAUGHT_NS[0], 1e-9 * CAUGHT_NS[1]), draw)
 
 
 def under_trunk(robot: Robot) -> Constant:

@@ -36,7 +36,7 @@ from saltus.policy.walking.course_field import CourseField, beside_drop, in_tren
 from saltus.policy.walking.description import POLICY_HZ, SIZE, description_of
 from saltus.policy.walking.scan_errors import ScanDraws, ScanErrors
 from saltus.policy.walking.settings import WalkSettings
-from saltus.policy.walking.starts import first_motion, height_above, under_trunk
+from saltus.policy.walking.starts import first_motion, height_above, led_time, under_trunk
 from saltus.policy.walking.walk_memory import WalkMemory, blank_walk_memory
 from saltus.policy.walking.walk_rewards import (
     AIR_TIME_S,
@@ -202,6 +202,7 @@ class WalkEnv(TrainingEnv):
                 last_action=memory.last_action,
                 landed_after_s=torch.where(landed, memory.air_s, AIR_TIME_S),
                 foot_touching=touching[:, :4],
+                foot_ground=self._boxes().height_at(place[..., 0], place[..., 1]),
                 foot_speed_squared=(foot_velocity[..., :2] ** 2).sum(-1),
                 leg_touching=touching[:, 4:12],
                 foot_missed=touching[:, :4] & in_trench(self._boxes(), place),
@@ -275,6 +276,7 @@ class WalkEnv(TrainingEnv):
         command[:, 0] = torch.where(jumps, self.config.command.along_mps[0], command[:, 0])
         stands = commands.DRAWS.of(drawn.command).standing < jump.standing
         standing = torch.where(jumps, stands, standing)
+        led_s = torch.where(jumps, led_time(starts.DRAWS.of(start.motion).led), zero)
         begin_s = torch.where(jumps, max(self._time_limit_s - jump.lasts_s, 0.0), zero)
         redrawn = mask | (commands.DRAWS.of(drawn.command).when < DT / self.config.command.period_s)
         write_memory(memory, redrawn, drawn=command, standing=standing)
@@ -283,6 +285,7 @@ class WalkEnv(TrainingEnv):
             mask,
             time_s=begin_s,
             first_time_s=begin_s,
+            led_s=led_s,
             tick=zero,
             action=torch.zeros_like(memory.action),
             last_action=torch.zeros_like(memory.action),
@@ -340,8 +343,9 @@ class WalkEnv(TrainingEnv):
         qpos, qvel = self._qpos.float(), self._qvel.float()
         rotation, position = rotation_matrix(qpos[:, 3:7]), qpos[:, :3]
         _, _, yaw = roll_pitch_yaw(rotation)
+        standing = memory.standing & (memory.time_s - memory.first_time_s >= memory.led_s)
         command = command_now(
-            self.config.command, memory.drawn, memory.wide, memory.standing, position[:, 1], yaw
+            self.config.command, memory.drawn, memory.wide, standing, position[:, 1], yaw
         )
         pose = torch.cat([position, yaw[:, None]], -1)
         phase, arrived = self._scan_errors.arrives(memory.phase)

@@ -23,6 +23,7 @@ class WalkMemory:
     tick: Tensor  # physics steps since the action
     time_s: Tensor
     first_time_s: Tensor  # when the episode began: 0, but for a robot's first
+    led_s: Tensor  # time for which a robot that begins in a jump is led ahead, before it may stand
     action: Tensor  # (12,)
     last_action: Tensor  # (12,): the one before it
     torque: Tensor  # (12,): in the last physics step

@@ -10,6 +10,7 @@ from saltus.policy.walking.settings import WalkRewardSettings
 TERMS = tuple(f.name for f in fields(WalkRewardSettings))
 SHARPNESS = 0.25  # (m/s)^2 or (rad/s)^2: squared error at which tracking earns 1/e; legged_gym's
 SLOW = 0.4, 1.0  # m/s: commands between which the tolerance of the velocity grows; ours
+UNEVEN_M = 0.1  # between the grounds below the feet, where legs have to bend unequally; ours
 AIR_TIME_S = 0.5  # a step that lasts longer earns, a shorter one costs; legged_gym's
 
 
@@ -43,6 +44,8 @@ class WalkRewardInputs:
     """
     foot_touching: Array
     """Bool, shape (n, 4)."""
+    foot_ground: Array
+    """Height of the ground below each foot [m], shape (n, 4)."""
     foot_speed_squared: Array
     """Horizontal [m^2/s^2], shape (n, 4)."""
     leg_touching: Array
@@ -75,6 +78,8 @@ def walk_reward_terms(config: WalkRewardSettings, given: WalkRewardInputs) -> Ar
         given.foot_touching, given.foot_speed_squared, 0.0 * given.foot_speed_squared
     )
     turning = given.angular_velocity[:, 2] - given.command[:, 2]
+    between = xp.max(given.foot_ground, axis=-1) - xp.min(given.foot_ground, axis=-1)
+    level = xp.clip(1.0 - between / UNEVEN_M, 0.0, 1.0)
     values = {
         "linear_velocity": xp.exp(
             -squared(given.velocity[:, :2] - given.command[:, :2]) / tolerance
@@ -92,7 +97,7 @@ def walk_reward_terms(config: WalkRewardSettings, given: WalkRewardInputs) -> Ar
         "missed": count(given.foot_missed),
         "edge": count(given.foot_beside_drop),
         "hip": squared(hips),
-        "still": (1.0 - moves) * xp.sum(xp.abs(given.joint_offset), axis=-1),
+        "still": (1.0 - moves) * level * xp.sum(xp.abs(given.joint_offset), axis=-1),
         "end": xp.where(given.failed, 1.0 + zero, zero),
     }
     return xp.stack([getattr(config, name) * values[name] / POLICY_HZ for name in TERMS], -1)

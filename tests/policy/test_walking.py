@@ -209,6 +209,13 @@ def test_episodes_that_begin_in_a_jump_are_short_and_hard_and_leave_the_level_as
     ahead_mps = torch.as_tensor(env._engine.qvel)[:, :2].norm(dim=-1)
     assert torch.equal(ahead_mps > 0.0, jumps)
     assert set(env.memory.drawn[jumps, 0].tolist()) <= {float(np.float32(0.3))}
+    assert torch.equal(env.memory.led_s > 0.0, jumps)
+    stands = jumps & env.memory.standing
+    assert (env.memory.command[jumps, 0] > 0.0).all()
+    env.memory.led_s.fill_(0.0)
+    env._look(env.done)
+    assert not env.memory.command[stands].any()
+    assert (env.memory.command[jumps & ~stands, 0] > 0.0).all()
     variants = env.ground.table.variants
     level = env.memory.course // variants % ground.levels
     assert torch.equal(level, torch.where(jumps, 2, 1))

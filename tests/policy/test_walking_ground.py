@@ -158,6 +158,21 @@ def test_a_dip_stays_where_it_is_while_the_robot_moves():
     assert np.ptp(told[0], axis=1).min() > 0.0
 
 
+def test_dips_of_one_gap_are_alike_over_three_spacings_aside_and_apart_ahead():
+    scan, rng, n = ScanErrors(NO_NOISE), np.random.default_rng(10), 4000
+    drawn, error = ScanDraws(*rng.uniform(size=(2, n))), np.zeros((n, 187))
+    base = rng.uniform(-20.0, 20.0, (n, 2))
+    places = SCAN.points_in_world(base, np.zeros(n))
+    row = np.indices(SCAN.shape)[0].ravel()
+    gap = (row == 3) | (row == 9)
+    told = told_heights(scan, np.where(gap, -0.4, 0.0) + np.zeros((n, 1)), places, error, drawn)
+    one, other = told[:, row == 3], told[:, row == 9]
+    for apart, expected in ((1, 2 / 3), (2, 1 / 3), (3, 0.0), (5, 0.0)):
+        found = np.corrcoef(one[:, 0], one[:, apart])[0, 1]
+        assert found == pytest.approx(expected, abs=0.1)
+    assert np.corrcoef(one[:, 0], other[:, 0])[0, 1] == pytest.approx(0.0, abs=0.1)
+
+
 @pytest.mark.parametrize("change_m", [0.1, 0.3, 1.0])
 def test_errors_of_heights_stay_where_a_robot_stands_and_change_with_its_way(change_m):
     scan, rng, n = ScanErrors(ScanErrorSettings(change_m=change_m)), np.random.default_rng(6), 400

@@ -11,6 +11,7 @@ from saltus.policy.evaluation.tracking import tracking_errors
 from saltus.policy.joints.observation import in_command_frame
 from saltus.policy.walking import commands
 from saltus.policy.walking.commands import command_now, draw_command
+from saltus.policy.walking.description import POLICY_HZ
 from saltus.policy.walking.evaluation import SETTLING, STRIDE
 from saltus.policy.walking.settings import (
     VelocityCommandSettings,
@@ -75,12 +76,14 @@ def inputs(n=40, seed=2):
     rng = np.random.default_rng(seed)
     shapes = dict.fromkeys(("command", "velocity", "angular_velocity", "gravity"), 3)
     joints = ("torque", "joint_acceleration", "joint_offset", "action", "last_action")
-    shapes |= dict.fromkeys(joints, 12) | {"landed_after_s": 4, "foot_speed_squared": 4}
+    feet = dict.fromkeys(("landed_after_s", "foot_speed_squared", "foot_ground"), 4)
+    shapes |= dict.fromkeys(joints, 12) | feet
     values = {name: rng.normal(size=(n, size)) for name, size in shapes.items()}
     flags = {"foot_touching": (n, 4), "leg_touching": (n, 8), "failed": (n,)}
     flags |= {"foot_missed": (n, 4), "foot_beside_drop": (n, 4)}
     values |= {name: rng.uniform(size=shape) < 0.5 for name, shape in flags.items()}
     values["command"][: n // 4] *= 0.01
+    values["foot_ground"] *= 0.03
     return WalkRewardInputs(**values)
 
 
@@ -97,7 +100,7 @@ def in_a_mirror(given):
         "leg_touching": given.leg_touching[:, legs],
     }
     feet = ("landed_after_s", "foot_speed_squared", "foot_touching", "foot_missed")
-    feet += ("foot_beside_drop",)
+    feet += ("foot_beside_drop", "foot_ground")
     changed |= {name: getattr(given, name)[:, OTHER_SIDE] for name in feet}
     return replace(given, **changed)
 
@@ -155,3 +158,21 @@ def test_a_robot_that_stands_where_it_is_to_walk_loses_most_of_what_walking_earn
     assert (np.diff(share) <= 0.0).all()
     assert share[0] < 0.45
     assert (share[speed >= 0.5] < 0.15).all()
+
+
+def test_who_is_to_stand_has_its_pose_on_level_ground_and_bends_its_legs_as_stairs_need():
+    given, config = inputs(), WalkRewardSettings()
+    stand = replace(given, command=0.0 * given.command)
+    still = TERMS.index("still")
+    costs = []
+    for between in (0.0, 0.05, 0.1, 0.2):  # m, of a stair
+        ground = np.tile([between, between, 0.0, 0.0], (40, 1))
+        terms = walk_reward_terms(config, replace(stand, foot_ground=ground))
+        costs.append(terms[:, still])
+        others = np.delete(terms, still, axis=1)
+        expected = np.delete(walk_reward_terms(config, stand), still, axis=1)
+        np.testing.assert_array_equal(others, expected)
+    offset = np.abs(stand.joint_offset).sum(axis=-1)
+    np.testing.assert_allclose(costs[0], config.still * offset / POLICY_HZ)
+    np.testing.assert_allclose(costs[1], 0.5 * costs[0], atol=1e-12)
+    np.testing.assert_allclose(costs[2:], 0.0, atol=1e-12)
