@@ -34,8 +34,8 @@ UNDER_WAY = (ControllerMode.WALK, ControllerMode.COAST)
 8 fell, and 7 when it began anew."""
 CAUGHT_MPS, CAUGHT_NS = 0.3, (300_000_000, 900_000_000)
 """Way ahead for which the policy is asked when it catches a robot that jumps [m/s], as in trainings
-that begin in a jump, until all feet surely stand, within these times. On stairs of 0.20 m 48 of 50
-of each robot stop so within 1 m; led for 0.35 s, whatever stands, 7 of 20 Go2 do (docs/history.md,
+that begin in a jump, until all feet surely stand, within these times. On stairs of 0.20 m 93 of 100
+Go1 and 98 Go2 stop so within 1 m; led for 0.35 s, whatever stood, 7 of 20 Go2 did (docs/history.md,
 "Catching a robot that jumps")."""
 ON_TIME = 0.75
 """Share of the policy's period after which it is asked again: states may be dated a bit early."""
@@ -94,8 +94,8 @@ class Walker:
         )
 
     def slows(self, state: RobotState) -> bool:
-        """True until it is no longer led and slow, within the times of `STOP_NS`, and rests over
-        its feet; see `saltus.policy.mover.Mover.slows`.
+        """True while it is led, until it is slow, within the times of `STOP_NS`, and until it rests
+        over its feet; see `saltus.policy.mover.Mover.slows`.
         """
         if state.mode not in (*UNDER_WAY, ControllerMode.RUN):
             return False
@@ -103,8 +103,8 @@ class Walker:
             self._stopping_ns = state.time_ns
         since_ns, (least_ns, most_ns) = state.time_ns - self._stopping_ns, STOP_NS
         if self._footing is None:
-            stops = self._caught_mps > 0.0 or (since_ns < most_ns and not is_slow(state))
-            if stops or since_ns < least_ns:
+            moves = self._caught_mps > 0.0 or (since_ns < most_ns and not is_slow(state))
+            if moves or since_ns < least_ns:
                 return True
             self._footing = Footing(self._robot, state)
         return not self._footing.is_over(state)

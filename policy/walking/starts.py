@@ -53,7 +53,8 @@ class JumpStartSettings:
     lasts_s: float = 3.0
     """Length of such an episode: time to land and to come to a stand."""
     standing: float = 0.5
-    """Share of them that is asked to stand; the others are asked for the slowest walk ahead."""
+    """Share of them that is asked to stand, after a while (`led_time`); the others, and these before,
+    are asked for the slowest walk ahead."""
     ahead_mps: tuple[float, float] = (1.1, 1.5)
     up_mps: tuple[float, float] = (0.4, 1.5)
     pitch_rad: tuple[float, float] = (-0.92, -0.61)
@@ -120,9 +121,10 @@ def first_motion(
 
 
 def led_time(draw: Scalars) -> Scalars:
-    """Time for which robots that begin in a jump are led ahead, before they may stand [s].
+    """Time for which robots that begin in a jump are led ahead before they stand [s], shape (n,).
 
-    As `saltus.policy.joints.walker.CAUGHT_NS` has it; shape (n,), as the uniform numbers' is.
+    Args:
+        draw: Uniform in [0, 1), shape (n,), over the times within which deployed robots are led.
     """
     return scale_draw((1e-9 * CAUGHT_NS[0], 1e-9 * CAUGHT_NS[1]), draw)
 
