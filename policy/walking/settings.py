@@ -120,8 +120,8 @@ class WalkRewardSettings:
     hip: float = -0.1
     """Abduction away from the pose: feet stay below the hips."""
     still: float = -0.5
-    """Joints away from the pose while the command is to stand, on level ground alone: on stairs of
-    0.20 m robots that were paid for this pose turned until they tipped over."""
+    """Joints away from the pose while the command is to stand, on level ground alone: the pose does
+    not fit stairs, where legs have to bend unequally."""
     end: float = -100.0
     """A failure, which lasts one step: it costs two units of reward."""
 

@@ -53,8 +53,8 @@ class JumpStartSettings:
     lasts_s: float = 3.0
     """Length of such an episode: time to land and to come to a stand."""
     standing: float = 0.5
-    """Share of them that is asked to stand, after a while (`led_time`); the others, and these before,
-    are asked for the slowest walk ahead."""
+    """Share of them that is asked to stand, after the time of `led_time`; before it, and the others
+    throughout, they are asked for the slowest walk ahead."""
     ahead_mps: tuple[float, float] = (1.1, 1.5)
     up_mps: tuple[float, float] = (0.4, 1.5)
     pitch_rad: tuple[float, float] = (-0.92, -0.61)

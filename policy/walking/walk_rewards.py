@@ -10,7 +10,7 @@ from saltus.policy.walking.settings import WalkRewardSettings
 TERMS = tuple(f.name for f in fields(WalkRewardSettings))
 SHARPNESS = 0.25  # (m/s)^2 or (rad/s)^2: squared error at which tracking earns 1/e; legged_gym's
 SLOW = 0.4, 1.0  # m/s: commands between which the tolerance of the velocity grows; ours
-UNEVEN_M = 0.1  # between the grounds below the feet, where legs have to bend unequally; ours
+UNEVEN_M = 0.1  # m between the highest and the lowest ground below the feet of a stand; ours
 AIR_TIME_S = 0.5  # a step that lasts longer earns, a shorter one costs; legged_gym's
 
 
