@@ -85,6 +85,7 @@ class Benchmark(Command):
             exposed_s=np.zeros(1, np.float32),
             odometry_error=np.full(1, self.odometry_error, np.float32),
             mount_error=np.ones(1, np.float32),
+            viewpoint=np.zeros((1, 1, 3), np.float32),
         )  # fmt: skip
         predictor = ScanPredictor(network)
         predictor.see(measured, 0.05)

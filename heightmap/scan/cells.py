@@ -29,6 +29,13 @@ class CellHeights(NamedTuple):
     count: Array
 
 
+NO_LINE_M = 1e3
+"""Height of the lowest line of sight over a cell where there was none [m]."""
+LINE_STEP_M, LINE_STEPS = 0.04, 12
+"""Along a line of sight, back from where it ended, heights are taken at so many places, so far
+apart: half a metre, as far as the edge of a step or gap hides the ground behind it."""
+
+
 def window_corner(position: Array, settings: MapSettings) -> Array:
     """First cell of the window around a position:
     whole numbers of `cell_m` from the odometry's origin.
@@ -110,6 +117,55 @@ def sorted_into_cells(
         )
     variance = each * (shared + (1.0 - shared) / some)
     return CellHeights(mean=mean, variance=variance, high=high, low=low, count=number)
+
+
+def lowest_lines(
+    points: Array,
+    viewpoint: Array,
+    start_m: Array,
+    valid: Array,
+    corner: Array,
+    settings: MapSettings,
+) -> Array:
+    """Height of the lowest line of sight over each cell [m], shape (batch, side, side).
+
+    `NO_LINE_M` where there is none. Ground is not above it.
+
+    Args:
+        points: Where lines end, in the odometry's frame [m], shape (batch, n, 3).
+        viewpoint: Where they begin, shape (batch, n, 3) or (batch, 1, 3).
+        start_m: How far from its end, on the level, a line surely met nothing [m], shape
+            (batch, n).
+        valid: Which points are any, shape (batch, n).
+        corner: First cell of the window, see `window_corner`.
+        settings: Of the map.
+    """
+    xp, side = namespace(points), settings.side
+    away = viewpoint - points
+    length = (xp.sum(away[..., :2] ** 2, axis=-1) ** 0.5).clip(1e-3, None)
+    steps = LINE_STEP_M * xp.arange(LINE_STEPS, dtype=points.dtype, device=points.device)
+    share = (start_m[..., None] + steps) / length[..., None]
+    first = xp.astype(corner * settings.sub, points.dtype)
+    row, column = (
+        xp.astype(
+            xp.floor(
+                (points[..., axis, None] + share * away[..., axis, None]) / settings.fine_m
+                - first[:, axis, None, None]
+            ),
+            xp.int64,
+        )
+        for axis in (0, 1)
+    )
+    inside = valid[..., None] & (share < 1.0)
+    inside = inside & (row >= 0) & (row < side) & (column >= 0) & (column < side)
+    batch, count = row.shape[0], row.shape[1] * row.shape[2]
+    robots = xp.arange(batch, dtype=xp.int64, device=points.device)[:, None, None] * side**2
+    spare = xp.arange(count, dtype=xp.int64, device=points.device).reshape(row.shape[1:])
+    index = robots + xp.where(inside, row * side + column, spare[None] % side**2)
+    height = points[..., 2, None] + share * away[..., 2, None]
+    least = xp.where(inside, -height, -NO_LINE_M)
+    found = _highest(index.reshape(-1), least.reshape(-1), batch * side**2)
+    return -found.clip(-NO_LINE_M, None).reshape(batch, side, side)
 
 
 def move_window(values: Array, by: Array, new: float) -> Array:

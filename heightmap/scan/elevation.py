@@ -12,9 +12,11 @@ import numpy as np
 
 from saltus.arrays import Array, namespace
 from saltus.heightmap.scan.cells import (
+    NO_LINE_M,
     CellHeights,
     cell_centres,
     fine_cell_positions,
+    lowest_lines,
     move_window,
     sample_bilinear,
     sorted_into_cells,
@@ -32,6 +34,8 @@ FADES = 0.9
 """Share that an image leaves of the distance of a cell's extremes from its height."""
 CALMS = 0.9
 """Share of `ElevationMap.unrest` that an image leaves."""
+SURE = 3.0
+"""A line of sight met nothing farther than so many deviations of depth before its end."""
 BODY_M = 0.15
 """Half of a square under the base for whose height the body's usual one is a guess [m]."""
 BODY_WEIGHT = 1e-3
@@ -74,6 +78,9 @@ class MapUpdate(NamedTuple):
     mount_error: Array
     """The same of where the cameras sit and of their scale (usual: 0.3 degrees, 3 mm, 0.8 %;
     `saltus.depth_camera.DepthCamera.mount_error`). Shape (batch,)."""
+    viewpoint: Array
+    """Where the camera was that saw each point, in the base frame at the exposure [m], shape
+    (batch, n, 3), or (batch, 1, 3) for one camera."""
 
 
 class ElevationMap(NamedTuple):
@@ -89,6 +96,8 @@ class ElevationMap(NamedTuple):
     high: Array
     """The highest point that a cell had lately, and likewise `low`."""
     low: Array
+    clear: Array
+    """The lowest line of sight that passed over the cell; `NO_LINE_M` where none did."""
     seen_s: Array
     """Time of the last image with a point in the cell [s]."""
     told: Array
@@ -134,6 +143,7 @@ def new_map(batch: int, settings: MapSettings, like: Array) -> ElevationMap:
         variance=xp.full(shape, UNKNOWN_M2, **of),
         high=zeros[1],
         low=zeros[2],
+        clear=xp.full(shape, NO_LINE_M, **of),
         seen_s=xp.full(shape, NEVER_S, **of),
         told=zeros[3],
         told_width=xp.full(shape, WIDEST, **of),
@@ -159,9 +169,11 @@ def advance_map(
     state = _moved(state, measured.now.position + before, settings)
     # Looks before the last one are for matching alone, which needs no extremes.
     new = _of_image(state, measured, None, settings, extremes=not settings.matching)
+    tilt = None
     if settings.matching:
-        state, new = _matched(state, measured, new, settings)
-    state = _fused(state, new, settings)._replace(images=state.images + 1.0)
+        state, new, tilt = _matched(state, measured, new, settings)
+    clear = _clear(state, measured, tilt, new, settings)
+    state = _fused(state, new, settings)._replace(images=state.images + 1.0, clear=clear)
     state, feet = _with_feet(state, measured, settings)
     xp, known = namespace(state.height), is_known(state)
     latest = xp.where(new.count > 0.0, measured.exposed_s[:, None, None], state.seen_s)
@@ -176,9 +188,9 @@ def advance_map(
 
 def _matched(
     state: ElevationMap, measured: MapUpdate, new: CellHeights, settings: MapSettings
-) -> tuple[ElevationMap, CellHeights]:
-    """The map with its pose corrected by what an image shows of the drift,
-    and the image's heights from there.
+) -> tuple[ElevationMap, CellHeights, Array]:
+    """The map with its pose corrected by what an image shows of the drift, the image's heights from
+    there, and by how much it was tilted [rad].
     """
     shift: Array = 0.0
     tilt: Array = 0.0
@@ -190,14 +202,16 @@ def _matched(
         shift, tilt = shift + found.shift, tilt + found.tilt
         state = state._replace(correction=state.correction - found.shift)
         new = _of_image(state, measured, tilt, settings, extremes=look + 1 == settings.looks)
-    return state._replace(unrest=_unrest(state.unrest, PoseError(shift, tilt))), new
+    return state._replace(unrest=_unrest(state.unrest, PoseError(shift, tilt))), new, tilt
 
 
 def _moved(state: ElevationMap, position: Array, settings: MapSettings) -> ElevationMap:
     corner = window_corner(position, settings)
     by = (corner - state.corner) * settings.sub
-    unknown = {"variance": UNKNOWN_M2, "seen_s": NEVER_S, "told_width": WIDEST}
-    cells = ("height", "variance", "high", "low", "seen_s", "told", "told_width")
+    unknown = {
+        "variance": UNKNOWN_M2, "clear": NO_LINE_M, "seen_s": NEVER_S, "told_width": WIDEST
+    }  # fmt: skip
+    cells = ("height", "variance", "high", "low", "clear", "seen_s", "told", "told_width")
     kept = {name: move_window(getattr(state, name), by, unknown.get(name, 0.0)) for name in cells}
     return state._replace(corner=corner, **kept)
 
@@ -211,17 +225,53 @@ def _of_image(
     extremes: bool,
 ) -> CellHeights:
     """Heights of an image's points, tilted back by what matching found."""
-    xp = namespace(state.height)
-    points = measured.points @ xp.matrix_transpose(measured.exposed.rotation)
-    if tilt is not None:
-        x, y, z = points[..., 0], points[..., 1], points[..., 2]
-        points = xp.stack([x, y, z - tilt[:, :1] * y + tilt[:, 1:] * x], axis=-1)
-    points = points + (measured.exposed.position + state.correction)[:, None, :]
-    deviation = settings.depth_noise * measured.depth**2
-    variance = deviation**2 + settings.point_noise_m**2
+    points = _in_odometry(state, measured.points, measured.exposed, tilt)
+    variance = _depth_deviation(measured, settings) ** 2 + settings.point_noise_m**2
     return sorted_into_cells(
         points, variance, measured.depth > 0.0, state.corner, settings, extremes=extremes
     )
+
+
+def _in_odometry(
+    state: ElevationMap, points: Array, exposed: OdometryPoses, tilt: Array | None
+) -> Array:
+    """Points (batch, n, 3) in the base frame, in the odometry's corrected world [m]."""
+    xp = namespace(state.height)
+    points = points @ xp.matrix_transpose(exposed.rotation)
+    if tilt is not None:
+        x, y, z = points[..., 0], points[..., 1], points[..., 2]
+        points = xp.stack([x, y, z - tilt[:, :1] * y + tilt[:, 1:] * x], axis=-1)
+    return points + (exposed.position + state.correction)[:, None, :]
+
+
+def _depth_deviation(measured: MapUpdate, settings: MapSettings) -> Array:
+    """Standard deviation of each depth [m]."""
+    return settings.depth_noise * measured.depth**2
+
+
+def _clear(
+    state: ElevationMap,
+    measured: MapUpdate,
+    tilt: Array | None,
+    new: CellHeights,
+    settings: MapSettings,
+) -> Array:
+    """The lowest line of sight over each cell, with those of an image.
+
+    Where points of the image lie above it, it was wrong, and is raised towards them.
+    """
+    xp = namespace(state.height)
+    points, viewpoint = (
+        _in_odometry(state, places, measured.exposed, tilt)
+        for places in (measured.points, measured.viewpoint)
+    )
+    start = SURE * _depth_deviation(measured, settings)
+    lines = lowest_lines(
+        points, viewpoint, start, measured.depth > 0.0, state.corner, settings
+    )
+    clear = xp.minimum(state.clear, lines)
+    above = xp.where(new.count > 0.0, (new.mean - clear).clip(0.0, None), 0.0)
+    return clear + (1.0 - FADES) * above
 
 
 def _away(state: ElevationMap, position: Array, settings: MapSettings) -> tuple[Array, Array]:

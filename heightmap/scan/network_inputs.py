@@ -15,12 +15,12 @@ from saltus.heightmap.scan.elevation import (
 
 MEASURED = (
     "known", "deviation", "age", "new", "new_count", "new_high", "new_low", "high", "low", "foot",
-    "foot_count",
+    "foot_count", "clear",
 )  # fmt: skip
 """Planes of `ScanInputs.measured`: whether a cell was ever measured (1 or 0), standard deviation
 [m], time since its last point [s], then heights above `ScanInputs.filled` [m] of this image's
-points (mean, count, highest, lowest), of the highest and lowest lately, and of standing feet (mean,
-count). What is not there is 0."""
+points (mean, count, highest, lowest), of the highest and lowest lately, of standing feet (mean,
+count), and of the lowest line of sight over the cell. What is not there is 0; a line `REACH_M`."""
 MEMORY = ("told", "told_width")
 """Planes of `ScanInputs.memory`: what the network told of the cell last, above `ScanInputs.filled`,
 and its half-width [m]."""
@@ -79,7 +79,7 @@ def inputs_of(
         above(around.new.mean, hit), around.new.count, above(around.new.high, hit),
         above(around.new.low, hit),
         above(state.high, known), above(state.low, known), above(around.feet.mean, foot),
-        around.feet.count,
+        around.feet.count, (state.clear - around.filled).clip(-REACH_M, REACH_M),
     ]  # fmt: skip
     told = xp.where(state.told_width < WIDEST, state.told - around.filled, 0.0)
     images = state.images.clip(0.0, MOST_IMAGES)

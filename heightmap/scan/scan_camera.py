@@ -33,6 +33,9 @@ class ScanCamera:
     """One depth camera on a robot, as the scan uses it: its mount, how well that is known, and its
     range.
 
+    Attributes:
+        position: Of the camera in the base [m], shape (3,).
+
     Args:
         mount: Its pose in the base.
         range_m: Nearest and farthest depth that is believed [m]; None: all.
@@ -43,7 +46,7 @@ class ScanCamera:
         self, mount: Mount, range_m: tuple[float, float] | None = None, mount_error: float = 1.0
     ) -> None:
         self.mount_error = mount_error
-        self._position = np.asarray(mount.position, np.float32)
+        self.position = np.asarray(mount.position, np.float32)
         self._rotation = np.asarray(mount.rotation, np.float32)
         self._range_m = range_m
         self._lens: Intrinsics | None = None
@@ -72,10 +75,10 @@ class ScanCamera:
         if self._range_m is not None:
             valid &= (depth >= self._range_m[0]) & (depth <= self._range_m[1])
         fall = looks @ up.astype(np.float32)
-        near = fall * REACH_M < -(base_height + float(self._position @ up))
+        near = fall * REACH_M < -(base_height + float(self.position @ up))
         missing = float(np.mean(raw[near] == 0)) if np.count_nonzero(near) >= FEWEST else 0.0
         kept = depth[valid]
-        return ImagePoints(looks[valid] * kept[:, None] + self._position, kept, missing)
+        return ImagePoints(looks[valid] * kept[:, None] + self.position, kept, missing)
 
 
 def read_lens(lens: Intrinsics) -> Intrinsics:

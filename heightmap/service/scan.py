@@ -250,7 +250,10 @@ class ScanService:
         state: RobotState,
     ) -> _Look:
         """Looks at images with a robot's map; changes nothing else."""
-        newest, points, depths, missing = shown[-1].exposed, [], [], []
+        newest, missing = shown[-1].exposed, []
+        points: list[Singles] = []
+        depths: list[Singles] = []
+        viewpoints: list[Singles] = []
         mount_error = max(self._rig.cameras[each.camera].mount_error for each in shown)
         height = _body_height(self._rig.robot, state)
         for each in shown:
@@ -263,6 +266,8 @@ class ScanService:
             if found.missing <= BLIND_INVALID_PIXELS:
                 points.append(found.points[kept] @ turn.T + away)
                 depths.append(found.depth[kept])
+                viewpoint = self._rig.cameras[each.camera].position @ turn.T + away
+                viewpoints.append(np.broadcast_to(viewpoint, points[-1].shape))
         if not points:
             return _Look(shown, missing, plausible=True)
         measured = MapUpdate(
@@ -273,6 +278,7 @@ class ScanService:
             exposed_s=np.full(1, self._time_s(newest.time_ns), np.float32),
             odometry_error=np.full(1, self._odometry_error, np.float32),
             mount_error=np.full(1, mount_error, np.float32),
+            viewpoint=np.concatenate(viewpoints)[None],
         )  # fmt: skip
         before = predictor.correction[2]
         plausible = predictor.see(measured, self._time_s(now.time_ns))

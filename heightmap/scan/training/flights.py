@@ -117,7 +117,7 @@ def next_image(
     exposed_s = flight.image / flight.rate_hz
     now_s = exposed_s + flight.latency_s
     flight.image.add_(1)
-    points, depth, hits = _image(flight, exposed_s, settings, draws, march)
+    points, depth, viewpoint, hits = _image(flight, exposed_s, settings, draws, march)
     position, angles = (values_at(table, now_s) for table in flight.motion[:2])
     feet, standing = _feet(flight, now_s, position, angles, draws)
     believed = values_at(flight.odometry.angles, now_s)
@@ -128,7 +128,7 @@ def next_image(
     )
     measured = MapUpdate(
         points, depth, then, now, feet, standing, flight.told_height, exposed_s,
-        *flight.told_errors.T,
+        *flight.told_errors.T, viewpoint,
     )  # fmt: skip
     return FlightImage(measured, now_s, hits, position, angles, believed[:, 2])
 
@@ -139,8 +139,10 @@ def _image(
     settings: FlightSettings,
     draws: SeededRandom,
     march: RayMarch,
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Points in the base as measured [m], their depth [m] and where the rays truly ended [m]."""
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Points in the base as measured [m], their depth [m], where their cameras are said to be in
+    the base [m], and where the rays truly ended [m].
+    """
     cameras, n = flight.cameras, len(exposed_s)
     base, turn = (
         values_at(flight.motion.position, exposed_s),
@@ -157,8 +159,10 @@ def _image(
     image = true.view(n, 2, settings.rows, settings.columns // 2)
     depth = with_errors(image, cameras, draws).reshape(n, 2, count)
     seen = cameras.rays * depth[..., None]
-    points = seen @ cameras.rotation.mT + cameras.position[:, :, None]
-    return points.flatten(1, 2), depth.flatten(1), start + true[..., None] * rays
+    viewpoint = cameras.position[:, :, None].expand_as(seen)
+    points = seen @ cameras.rotation.mT + viewpoint
+    hits = start + true[..., None] * rays
+    return points.flatten(1, 2), depth.flatten(1), viewpoint.flatten(1, 2), hits
 
 
 def _feet(

@@ -73,7 +73,7 @@ class ScanModel(nn.Module):
     def __init__(self, settings: NetworkSettings, map_settings: MapSettings) -> None:
         super().__init__()
         self.settings, self.sub = settings, map_settings.sub
-        planes = 2 + len(MEASURED) + 2 * (len(MEMORY) if settings.memory else 0)
+        planes = 3 + len(MEASURED) + 2 * (len(MEMORY) if settings.memory else 0)
         a, b, c, d = settings.channels
         self.stem = nn.Conv2d(planes * self.sub**2 + len(NUMBERS), a, 3, padding=1)
         self.down = nn.ModuleList(
@@ -190,7 +190,12 @@ class ScanModel(nn.Module):
         fine_planes = functional.pixel_unshuffle(torch.stack(planes, 1), self.sub)
         numbers = (inputs.numbers / self.usual).clamp(-_SHOWN, _SHOWN)
         side = fine_planes.shape[-1]
-        return torch.cat((fine_planes, numbers[:, :, None, None].expand(-1, -1, side, side)), 1)
+        # New ones last: a training may go on from a file that has none
+        clear = functional.pixel_unshuffle(
+            torch.stack((heights(m["clear"]), fine(m["clear"])), 1), self.sub
+        )
+        shown = (fine_planes, numbers[:, :, None, None].expand(-1, -1, side, side), clear)
+        return torch.cat(shown, 1)
 
 
 def _candidates(filled: Tensor, measured: Tensor, memory: Tensor) -> Tensor:

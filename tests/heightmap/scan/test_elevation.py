@@ -82,6 +82,7 @@ def still(offset, n=20_000, seed=0):
         points=points, depth=np.full((1, n), 0.5), exposed=pose, now=pose, feet=np.zeros((1, 1, 3)),
         standing=np.zeros((1, 1), bool), body_height=np.full(1, 0.3), exposed_s=np.zeros(1),
         odometry_error=np.ones(1), mount_error=np.ones(1),
+        viewpoint=np.array([[[0.0, 0.0, 0.5]]]),
     )  # fmt: skip
 
 
