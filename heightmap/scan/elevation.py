@@ -266,9 +266,7 @@ def _clear(
         for places in (measured.points, measured.viewpoint)
     )
     start = SURE * _depth_deviation(measured, settings)
-    lines = lowest_lines(
-        points, viewpoint, start, measured.depth > 0.0, state.corner, settings
-    )
+    lines = lowest_lines(points, viewpoint, start, measured.depth > 0.0, state.corner, settings)
     clear = xp.minimum(state.clear, lines)
     above = xp.where(new.count > 0.0, (new.mean - clear).clip(0.0, None), 0.0)
     return clear + (1.0 - FADES) * above

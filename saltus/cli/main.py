@@ -97,6 +97,9 @@ def _run(arguments: Sequence[str]) -> int:
         # on idle cores.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+        # Before tqdm is imported: a file gets a bar every ten seconds in place of ten a second.
+        if sys.stderr is None or not sys.stderr.isatty():
+            os.environ.setdefault("TQDM_MININTERVAL", "10")
         _ask_for_mujoco_gl()
         if list(arguments) == ["--version"]:
             from saltus.provenance import current_commit, package_version

@@ -205,3 +205,20 @@ def test_threads_of_torch_sleep_while_they_wait_unless_the_user_says_other(given
         env=environment | {"OMP_DISPLAY_ENV": "true"}, capture_output=True, text=True, check=True,
     ).stderr  # fmt: skip
     assert f"OMP_WAIT_POLICY = '{given.upper()}'" in told
+
+
+def test_a_file_gets_few_lines_of_a_progress_bar() -> None:
+    script = """
+import sys, time
+from saltus.cli.main import main
+main(["--version"])
+from tqdm import tqdm
+for _ in tqdm(range(1000), file=sys.stderr):
+    time.sleep(0.001)
+"""
+    environment = {name: value for name, value in os.environ.items() if name[:5] != "TQDM_"}
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, env=environment, check=True
+    )
+    assert "1000/1000" in done.stderr
+    assert done.stderr.count("\r") < 5

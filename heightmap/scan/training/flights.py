@@ -126,9 +126,10 @@ def next_image(
         values_at(flight.odometry.position, exposed_s),
         rotation_of_angles(values_at(flight.odometry.angles, exposed_s)),
     )
+    odometry_error, mount_error = flight.told_errors.unbind(-1)
     measured = MapUpdate(
-        points, depth, then, now, feet, standing, flight.told_height, exposed_s,
-        *flight.told_errors.T, viewpoint,
+        points, depth, then, now, feet, standing, flight.told_height, exposed_s, odometry_error,
+        mount_error, viewpoint,
     )  # fmt: skip
     return FlightImage(measured, now_s, hits, position, angles, believed[:, 2])
 

@@ -6,7 +6,14 @@ import pytest
 import torch
 from small_flights import EXACT, SMALL
 
-from saltus.heightmap.scan.elevation import advance_map, is_known, new_map
+from saltus.heightmap.scan.cells import NO_LINE_M
+from saltus.heightmap.scan.elevation import (
+    MapUpdate,
+    OdometryPoses,
+    advance_map,
+    is_known,
+    new_map,
+)
 from saltus.heightmap.scan.settings import MapSettings
 from saltus.heightmap.scan.training.flights import (
     draw_flight,
@@ -104,6 +111,54 @@ def test_without_errors_the_map_is_the_truth(fly, draws, families):
     error = (state.height - truth).abs()[is_known(state)]
     assert error.median() < 0.0002 if families == ("flat",) else error.median() < 0.005
     assert error.mean() < 0.015
+
+
+@pytest.mark.sample(5)
+@pytest.mark.parametrize("family", FAMILIES)
+def test_without_errors_no_ground_is_above_a_line_of_sight(fly, draws, family):
+    """Of a cell and those beside it, that is: a line may pass a cell beside an edge in its middle.
+
+    Places and turns of the base are read from tables of 10 ms, which are 2 mm off while it turns.
+    """
+    flight, settings = fly(
+        6, families=(family,), rows=24, columns=32, feet=0.0, calibration=(0.0, 0.0)
+    )
+    map_settings = MapSettings(matching=False)
+    state = new_map(6, map_settings, flight.ground.height)
+    for _ in range(4):
+        shot = next_image(flight, settings, draws)
+        state, around = advance_map(state, shot.measured, map_settings)
+    truth = true_map_heights(flight, shot, state, around, map_settings, settings)
+    lowest = -torch.nn.functional.max_pool2d(-truth[:, None], 3, 1, 1)[:, 0]
+    lines = state.clear < NO_LINE_M
+    assert lines.float().mean() > 0.02
+    assert (lowest - state.clear)[lines].max() < OFF_M
+
+
+def test_lines_of_sight_tell_a_trench_into_which_no_ray_fell():
+    """From 0.4 m up, a ray meets the far wall of a trench of 0.2 m, 1 m ahead, 7 cm below its edge;
+    halfway it passed 3 cm below it.
+    """
+    settings, wall = MapSettings(matching=False, cells=64), -0.2 * 0.4 / 1.1
+    x = torch.cat((torch.linspace(0.5, 0.9, 21), torch.tensor([1.1])))
+    z = torch.cat((torch.full((21,), -0.4), torch.tensor([-0.4 + wall])))
+    points = torch.stack((x, torch.full_like(x, 0.01), z), -1)[None]
+    pose = OdometryPoses(torch.zeros(1, 3), torch.eye(3)[None])
+    zeros = torch.zeros(1)
+    image = MapUpdate(
+        points, points[..., 0], pose, pose, torch.zeros(1, 1, 3), torch.zeros(1, 1).bool(), zeros,
+        zeros, zeros, zeros, torch.zeros(1, 1, 3),
+    )  # fmt: skip
+    state, _ = advance_map(new_map(1, settings, points), image, settings)
+    column = state.clear[0, :, settings.side // 2]
+    first = round(0.9 / settings.fine_m) + settings.side // 2
+    over = column[first : first + 10]
+    over = over[over < NO_LINE_M] + 0.4
+    assert len(over) >= 4
+    assert float(over.max()) < 0.01
+    assert wall < float(over.min()) < 0.75 * wall
+    before = column[first - 10 : first - 1] + 0.4
+    assert float(before.abs().max()) < 0.04
 
 
 def test_a_seed_gives_the_same_ground_and_images():
