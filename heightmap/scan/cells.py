@@ -6,7 +6,7 @@ times a call.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,8 +32,9 @@ class CellHeights(NamedTuple):
 NO_LINE_M = 1e3
 """Height of the lowest line of sight over a cell where there was none [m]."""
 LINE_STEP_M, LINE_STEPS = 0.04, 12
-"""Along a line of sight, back from where it ended, heights are taken at so many places, so far
-apart: half a metre, as far as the edge of a step or gap hides the ground behind it."""
+"""Along a line of sight, back from its end, heights are taken at so many places, so far apart [m]:
+half a metre, about as far as the edge of a step or gap hides the ground behind it. Lines of
+neighbouring pixels and images fill the cells between."""
 
 
 def window_corner(position: Array, settings: MapSettings) -> Array:
@@ -129,39 +130,41 @@ def lowest_lines(
 ) -> Array:
     """Height of the lowest line of sight over each cell [m], shape (batch, side, side).
 
-    `NO_LINE_M` where there is none. Ground is not above it.
+    `NO_LINE_M` where there is none. But for errors, and edges within a cell, ground is not higher:
+    a ray that reached its end met nothing before.
 
     Args:
         points: Where lines end, in the odometry's frame [m], shape (batch, n, 3).
         viewpoint: Where they begin, shape (batch, n, 3) or (batch, 1, 3).
-        start_m: How far from its end, on the level, a line surely met nothing [m], shape
-            (batch, n).
-        valid: Which points are any, shape (batch, n).
+        start_m: Length at the end of each line, on the level, that is left out, as the surface may
+            be there by the depth's error [m], shape (batch, n).
+        valid: True where there is a point, shape (batch, n).
         corner: First cell of the window, see `window_corner`.
         settings: Of the map.
     """
-    xp, side = namespace(points), settings.side
-    away = viewpoint - points
+    xp, (batch, count), side = namespace(points), valid.shape, settings.side
+    end, away = fine_cell_positions(points[..., :2], corner, settings) + 0.5, viewpoint - points
+    whole: dict[str, Any] = {"dtype": xp.int64, "device": points.device}
+    robot = xp.broadcast_to(xp.arange(batch, **whole)[:, None] * side**2, (batch, count))
+    if isinstance(points, np.ndarray):  # a third of what a camera sees is in the window
+        reach = ((start_m + LINE_STEPS * LINE_STEP_M) / settings.fine_m)[..., None]
+        near = valid & np.all((end > -reach) & (end < side + reach), axis=-1)
+        points, end, away, start_m, robot, valid = (
+            values[near] for values in (points, end, away, start_m, robot, valid)
+        )
     length = (xp.sum(away[..., :2] ** 2, axis=-1) ** 0.5).clip(1e-3, None)
     steps = LINE_STEP_M * xp.arange(LINE_STEPS, dtype=points.dtype, device=points.device)
     share = (start_m[..., None] + steps) / length[..., None]
-    first = xp.astype(corner * settings.sub, points.dtype)
+    back = away / settings.fine_m
     row, column = (
-        xp.astype(
-            xp.floor(
-                (points[..., axis, None] + share * away[..., axis, None]) / settings.fine_m
-                - first[:, axis, None, None]
-            ),
-            xp.int64,
-        )
-        for axis in (0, 1)
+        xp.floor(end[..., axis, None] + share * back[..., axis, None]) for axis in (0, 1)
     )
     inside = valid[..., None] & (share < 1.0)
     inside = inside & (row >= 0) & (row < side) & (column >= 0) & (column < side)
-    batch, count = row.shape[0], row.shape[1] * row.shape[2]
-    robots = xp.arange(batch, dtype=xp.int64, device=points.device)[:, None, None] * side**2
-    spare = xp.arange(count, dtype=xp.int64, device=points.device).reshape(row.shape[1:])
-    index = robots + xp.where(inside, row * side + column, spare[None] % side**2)
+    cell = xp.astype(xp.where(inside, row * side + column, 0.0), xp.int64)
+    # As in `sorted_into_cells`, what is outside adds nothing, to cells far apart
+    spare = xp.reshape(xp.arange(math.prod(cell.shape), **whole) % side**2, cell.shape)
+    index = robot[..., None] + xp.where(inside, cell, spare)
     height = points[..., 2, None] + share * away[..., 2, None]
     least = xp.where(inside, -height, -NO_LINE_M)
     found = _highest(index.reshape(-1), least.reshape(-1), batch * side**2)

@@ -35,7 +35,7 @@ FADES = 0.9
 CALMS = 0.9
 """Share of `ElevationMap.unrest` that an image leaves."""
 SURE = 3.0
-"""A line of sight met nothing farther than so many deviations of depth before its end."""
+"""So many deviations of depth at the end of a line of sight are left out, as if it were level."""
 BODY_M = 0.15
 """Half of a square under the base for whose height the body's usual one is a guess [m]."""
 BODY_WEIGHT = 1e-3
@@ -97,7 +97,8 @@ class ElevationMap(NamedTuple):
     """The highest point that a cell had lately, and likewise `low`."""
     low: Array
     clear: Array
-    """The lowest line of sight that passed over the cell; `NO_LINE_M` where none did."""
+    """The lowest line of sight that passed over the cell, of the last half metre before each point;
+    `NO_LINE_M` where none did."""
     seen_s: Array
     """Time of the last image with a point in the cell [s]."""
     told: Array
@@ -236,12 +237,12 @@ def _in_odometry(
     state: ElevationMap, points: Array, exposed: OdometryPoses, tilt: Array | None
 ) -> Array:
     """Points (batch, n, 3) in the base frame, in the odometry's corrected world [m]."""
-    xp = namespace(state.height)
-    points = points @ xp.matrix_transpose(exposed.rotation)
+    xp, rotation = namespace(state.height), exposed.rotation
     if tilt is not None:
-        x, y, z = points[..., 0], points[..., 1], points[..., 2]
-        points = xp.stack([x, y, z - tilt[:, :1] * y + tilt[:, 1:] * x], axis=-1)
-    return points + (exposed.position + state.correction)[:, None, :]
+        x, y, z = rotation[:, 0], rotation[:, 1], rotation[:, 2]
+        rotation = xp.stack([x, y, z - tilt[:, :1] * y + tilt[:, 1:] * x], axis=1)
+    position = exposed.position + state.correction
+    return points @ xp.matrix_transpose(rotation) + position[:, None, :]
 
 
 def _depth_deviation(measured: MapUpdate, settings: MapSettings) -> Array:
@@ -256,9 +257,9 @@ def _clear(
     new: CellHeights,
     settings: MapSettings,
 ) -> Array:
-    """The lowest line of sight over each cell, with those of an image.
+    """The lower of the map's and an image's lines of sight over each cell [m].
 
-    Where points of the image lie above it, it was wrong, and is raised towards them.
+    Where the image's mean height in a cell is above that, it is raised by a tenth of the difference.
     """
     xp = namespace(state.height)
     points, viewpoint = (

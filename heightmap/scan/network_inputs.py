@@ -18,9 +18,10 @@ MEASURED = (
     "foot_count", "clear",
 )  # fmt: skip
 """Planes of `ScanInputs.measured`: whether a cell was ever measured (1 or 0), standard deviation
-[m], time since its last point [s], then heights above `ScanInputs.filled` [m] of this image's
-points (mean, count, highest, lowest), of the highest and lowest lately, of standing feet (mean,
-count), and of the lowest line of sight over the cell. What is not there is 0; a line `REACH_M`."""
+[m], time since its last point [s]; of this image's points the mean height, their count, the highest
+and the lowest; the highest and lowest height lately; of standing feet mean height and count; and
+the lowest line of sight over the cell, clipped to `REACH_M`, which also says that there was none.
+Heights are above `ScanInputs.filled` [m]. Where nothing was measured, the others are 0."""
 MEMORY = ("told", "told_width")
 """Planes of `ScanInputs.memory`: what the network told of the cell last, above `ScanInputs.filled`,
 and its half-width [m]."""

@@ -206,7 +206,7 @@ class ScanTrainer:
                     **weights,
                     name: torch.cat((weights[name].to(self.device), own[name][rows:])),
                 }
-        if (stem := weights.get("stem.weight")) is not None:  # numbers that are new count nothing
+        if (stem := weights.get("stem.weight")) is not None:  # planes that are new count nothing
             new = max(0, own["stem.weight"].shape[1] - stem.shape[1])
             weights = {**weights, "stem.weight": functional.pad(stem, (0, 0, 0, 0, 0, new))}
         added = {name: own[name] for name in own if name.startswith("blocks.")}
@@ -244,8 +244,14 @@ class ScanTrainer:
             raise ModelError(
                 f"{path} is of a training with other settings: name another folder with --out"
             )
-        self.model.load_state_dict(table["model"])
-        self.average.load_state_dict(table["average"])
+        try:
+            self.model.load_state_dict(table["model"])
+            self.average.load_state_dict(table["average"])
+        except RuntimeError as error:
+            raise ModelError(
+                f"{path} is of a network that is shown other planes: name another folder with --out, "
+                "and go on from the checkpoint's ONNX file with --start"
+            ) from error
         self.optimiser.load_state_dict(table["optimiser"])
         self.rounds, self.seconds = int(table["rounds"]), float(table["seconds"])
         self._limits.usual_norm.copy_(table["usual_norm"])

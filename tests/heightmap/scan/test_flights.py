@@ -93,6 +93,16 @@ def test_a_ray_that_meets_nothing_has_no_depth():
     assert float(found) == 0.0
 
 
+def flown_map(flight, settings, draws):
+    """A map without matching after four images, and the true heights of its cells."""
+    map_settings = MapSettings(matching=False)
+    state = new_map(len(flight.image), map_settings, flight.ground.height)
+    for _ in range(4):
+        shot = next_image(flight, settings, draws)
+        state, around = advance_map(state, shot.measured, map_settings)
+    return state, true_map_heights(flight, shot, state, around, map_settings, settings)
+
+
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("families", [("flat",), ("stairs",), ("stones",), ("rough",)])
 def test_without_errors_the_map_is_the_truth(fly, draws, families):
@@ -102,12 +112,7 @@ def test_without_errors_the_map_is_the_truth(fly, draws, families):
     some millimetres where there is none.
     """
     flight, settings = fly(6, families=families, rows=24, columns=32, feet=0.0)
-    map_settings = MapSettings(matching=False)
-    state = new_map(6, map_settings, flight.ground.height)
-    for _ in range(4):
-        shot = next_image(flight, settings, draws)
-        state, around = advance_map(state, shot.measured, map_settings)
-    truth = true_map_heights(flight, shot, state, around, map_settings, settings)
+    state, truth = flown_map(flight, settings, draws)
     error = (state.height - truth).abs()[is_known(state)]
     assert error.median() < 0.0002 if families == ("flat",) else error.median() < 0.005
     assert error.mean() < 0.015
@@ -123,12 +128,7 @@ def test_without_errors_no_ground_is_above_a_line_of_sight(fly, draws, family):
     flight, settings = fly(
         6, families=(family,), rows=24, columns=32, feet=0.0, calibration=(0.0, 0.0)
     )
-    map_settings = MapSettings(matching=False)
-    state = new_map(6, map_settings, flight.ground.height)
-    for _ in range(4):
-        shot = next_image(flight, settings, draws)
-        state, around = advance_map(state, shot.measured, map_settings)
-    truth = true_map_heights(flight, shot, state, around, map_settings, settings)
+    state, truth = flown_map(flight, settings, draws)
     lowest = -torch.nn.functional.max_pool2d(-truth[:, None], 3, 1, 1)[:, 0]
     lines = state.clear < NO_LINE_M
     assert lines.float().mean() > 0.02

@@ -126,26 +126,50 @@ def test_legs_whose_velocity_is_off_in_height_tell_the_ground_where_it_is(
     assert errors(last, world, SCAN).mean() < 0.004
 
 
-@pytest.mark.parametrize("errors", [(0.0,), (1.0, 0.5), (0.2, 3.0)])
-@pytest.mark.parametrize(("robot", "odometry"), [(None, 1.0), (ROBOT, LEGS_ODOMETRY_ERROR)])
-def test_the_network_is_told_how_well_odometry_and_mounts_are_known(
-    network: ScanNetwork, monkeypatch: pytest.MonkeyPatch, errors: tuple[float, ...],
-    robot: Robot | None, odometry: float,
-) -> None:  # fmt: skip
-    """The worst of several cameras counts."""
-    told: list[MapUpdate] = []
+@pytest.fixture
+def told(monkeypatch: pytest.MonkeyPatch) -> list[MapUpdate]:
+    """What predictors are told, image by image."""
+    found: list[MapUpdate] = []
     see = ScanPredictor.see
 
     def seen(self: ScanPredictor, measured: MapUpdate, now_s: float) -> bool:
-        told.append(measured)
+        found.append(measured)
         return see(self, measured, now_s)
 
     monkeypatch.setattr(ScanPredictor, "see", seen)
+    return found
+
+
+@pytest.mark.parametrize("errors", [(0.0,), (1.0, 0.5), (0.2, 3.0)])
+@pytest.mark.parametrize(("robot", "odometry"), [(None, 1.0), (ROBOT, LEGS_ODOMETRY_ERROR)])
+def test_the_network_is_told_how_well_odometry_and_mounts_are_known(
+    network: ScanNetwork, told: list[MapUpdate], errors: tuple[float, ...], robot: Robot | None,
+    odometry: float,
+) -> None:  # fmt: skip
+    """The worst of several cameras counts."""
     given = dict(zip((FIRST, "rear"), (ScanCamera(DOWN, None, e) for e in errors), strict=False))
     service = ScanService(network, ScanRig(grid=SCAN, cameras=given, robot=robot))
     list(run(service, WORLDS[0], dict.fromkeys(given, DOWN), 8))
     assert {float(measured.mount_error[0]) for measured in told} == {np.float32(max(errors))}
     assert {float(measured.odometry_error[0]) for measured in told} == {np.float32(odometry)}
+
+
+def test_every_point_is_told_with_the_place_of_the_camera_that_saw_it(
+    network: ScanNetwork, told: list[MapUpdate]
+) -> None:
+    rear = Mount(position=np.array([-0.25, 0.0, 0.1]), pitch=0.8, yaw=math.pi)
+    mounts = {FIRST: DOWN, "rear": rear}
+    list(run(ScanService(network, rig(*mounts.values())), WORLDS[0], mounts, 8))
+    both = told[-1]
+    assert both.viewpoint.shape == both.points.shape
+    counts = []
+    for mount in mounts.values():
+        own = np.all(np.isclose(both.viewpoint, mount.position, atol=1e-4), axis=-1)
+        ahead = (both.points - both.viewpoint)[own] @ mount.rotation[:, 2]
+        np.testing.assert_allclose(ahead, both.depth[own], atol=1e-4)
+        counts.append(np.count_nonzero(own))
+    assert min(counts) > 100
+    assert sum(counts) == both.depth.size
 
 
 @pytest.mark.parametrize("name", DIALECTS)

@@ -121,6 +121,11 @@ def test_a_checkpoint_of_another_training_is_refused(small, tmp_path):
     trainer.save(tmp_path / "scan.pt")
     with pytest.raises(ModelError, match="other settings"):
         train_scan(replace(small, seed=1), tmp_path, updates=1, device=CPU)
+    table = torch.load(tmp_path / "scan.pt", weights_only=True)
+    table["model"]["stem.weight"] = table["model"]["stem.weight"][:, :-8]
+    torch.save(table, tmp_path / "scan.pt")
+    with pytest.raises(ModelError, match="other planes"):
+        train_scan(small, tmp_path, updates=1, device=CPU)
     (tmp_path / "scan.pt").write_bytes(b"no checkpoint")
     with pytest.raises(ModelError, match="no checkpoint"):
         read_scan_checkpoint(tmp_path / "scan.pt")
