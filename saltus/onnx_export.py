@@ -58,6 +58,7 @@ def write_onnx(
                 dynamo=False,
             )
         file = onnx.load(temporary)
+        _share_constants(file.graph)
         _halve(file.graph, half_prefixes)
         onnx.helper.set_model_props(
             file, {name: json.dumps(value) for name, value in metadata.items()}
@@ -90,6 +91,25 @@ def weights_of(file: ModelFile) -> dict[str, Tensor]:
         tensor.name: torch.from_numpy(numpy_helper.to_array(tensor).astype(np.float32))
         for tensor in onnx.load_model_from_string(file.data).graph.initializer
     }
+
+
+def _share_constants(graph: onnx.GraphProto) -> None:
+    """Leaves one node of each constant, and names of nodes away, in place: less to read."""
+    first: dict[bytes, str] = {}
+    same: dict[str, str] = {}
+    nodes = []
+    for node in graph.node:
+        node.ClearField("name")
+        for place, name in enumerate(node.input):
+            node.input[place] = same.get(name, name)
+        if node.op_type == "Constant":
+            value = node.attribute[0].SerializeToString()
+            same[node.output[0]] = first.setdefault(value, node.output[0])
+            if same[node.output[0]] != node.output[0]:
+                continue
+        nodes.append(node)
+    graph.ClearField("node")
+    graph.node.extend(nodes)
 
 
 def _halve(graph: onnx.GraphProto, prefixes: tuple[str, ...]) -> None:
