@@ -221,4 +221,4 @@ for _ in tqdm(range(1000), file=sys.stderr):
         [sys.executable, "-c", script], capture_output=True, text=True, env=environment, check=True
     )
     assert "1000/1000" in done.stderr
-    assert done.stderr.count("\r") < 5
+    assert done.stderr.count("%|") < 5
