@@ -10,6 +10,7 @@ from saltus.cli.output import JsonOption, poll_until_done, print_json, run_direc
 from saltus.cli.run_options import RunOptions
 from saltus.cli.watch import ask_for_viser, watching
 from saltus.config import Pace, RunConfig
+from saltus.errors import ConfigError
 from saltus.flags import Flag
 from saltus.wire.messages import GroundTruth, Heightmap
 
@@ -49,6 +50,11 @@ class Demo(JsonOption, RunOptions):
     def run(self) -> int:
         """Runs it; 0 where the robot crossed the terrain, else 1."""
         config = self.config(self.time_limit_s)
+        if config.planner == "walking" and config.pace == "lockstep" and not config.commands:
+            raise ConfigError(
+                "a robot that walks stands until it is told: --commands FILE (docs/walking.md), or "
+                "saltus up --planner walking and saltus drive beside it"
+            )
         if self.watch:
             ask_for_viser()
         directory = run_directory("demo", self.out)

@@ -31,6 +31,7 @@ OF_RUNS = {
     # a run
     "demo --seed -1": "seed = -1",
     "demo --seed three": "(--seed INT)",
+    "demo --planner walking": "--commands FILE",
     "demo --seed 1e400": "(--seed INT)",
     f"demo --seed {HUGE}": "from 0 to",
     "demo --speed 0 --pace realtime": "speed = 0",
