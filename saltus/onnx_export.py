@@ -94,7 +94,7 @@ def weights_of(file: ModelFile) -> dict[str, Tensor]:
 
 
 def _share_constants(graph: onnx.GraphProto) -> None:
-    """Leaves one node of each constant, and names of nodes away, in place: less to read."""
+    """Merges nodes of equal constants and clears the names of nodes, in place: a smaller file."""
     first: dict[bytes, str] = {}
     same: dict[str, str] = {}
     nodes = []

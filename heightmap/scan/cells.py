@@ -13,6 +13,13 @@ import numpy as np
 from saltus.arrays import Array, namespace
 from saltus.heightmap.scan.settings import MapSettings
 
+NO_LINE_M = 1e3
+"""Height of the lowest line of sight over a cell where there was none [m]."""
+LINE_STEP_M, LINE_STEPS = 0.04, 12
+"""Along a line of sight, back from its end, heights are taken at so many places, so far apart [m]:
+half a metre, about as far as the edge of a step or gap hides the ground behind it. Lines of
+neighbouring pixels and images fill the cells between."""
+
 
 class CellHeights(NamedTuple):
     """Heights [m] that one image, or the standing feet, put into the cells of a robot's map, each
@@ -27,14 +34,6 @@ class CellHeights(NamedTuple):
     high: Array
     low: Array
     count: Array
-
-
-NO_LINE_M = 1e3
-"""Height of the lowest line of sight over a cell where there was none [m]."""
-LINE_STEP_M, LINE_STEPS = 0.04, 12
-"""Along a line of sight, back from its end, heights are taken at so many places, so far apart [m]:
-half a metre, about as far as the edge of a step or gap hides the ground behind it. Lines of
-neighbouring pixels and images fill the cells between."""
 
 
 def window_corner(position: Array, settings: MapSettings) -> Array:

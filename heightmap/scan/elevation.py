@@ -79,7 +79,7 @@ class MapUpdate(NamedTuple):
     """The same of where the cameras sit and of their scale (usual: 0.3 degrees, 3 mm, 0.8 %;
     `saltus.depth_camera.DepthCamera.mount_error`). Shape (batch,)."""
     viewpoint: Array
-    """Where the camera was that saw each point, in the base frame at the exposure [m], shape
+    """Place of the camera that saw each point, in the base frame at the exposure [m], shape
     (batch, n, 3), or (batch, 1, 3) for one camera."""
 
 
@@ -259,7 +259,8 @@ def _clear(
 ) -> Array:
     """The lower of the map's and an image's lines of sight over each cell [m].
 
-    Where the image's mean height in a cell is above that, it is raised by a tenth of the difference.
+    Where the image's mean height in a cell is above that, the line is raised by a tenth of the
+    difference.
     """
     xp = namespace(state.height)
     points, viewpoint = (

@@ -249,8 +249,8 @@ class ScanTrainer:
             self.average.load_state_dict(table["average"])
         except RuntimeError as error:
             raise ModelError(
-                f"{path} is of a network that is shown other planes: name another folder with --out, "
-                "and go on from the checkpoint's ONNX file with --start"
+                f"{path} is of a network that is shown other planes: name another folder with "
+                "--out, and go on from the checkpoint's ONNX file with --start"
             ) from error
         self.optimiser.load_state_dict(table["optimiser"])
         self.rounds, self.seconds = int(table["rounds"]), float(table["seconds"])

@@ -121,7 +121,7 @@ def test_without_errors_the_map_is_the_truth(fly, draws, families):
 @pytest.mark.sample(5)
 @pytest.mark.parametrize("family", FAMILIES)
 def test_without_errors_no_ground_is_above_a_line_of_sight(fly, draws, family):
-    """Of a cell and those beside it, that is: a line may pass a cell beside an edge in its middle.
+    """Ground of a cell or one beside it is meant: a line may pass beside an edge within a cell.
 
     Places and turns of the base are read from tables of 10 ms, which are 2 mm off while it turns.
     """

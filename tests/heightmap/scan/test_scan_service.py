@@ -128,7 +128,7 @@ def test_legs_whose_velocity_is_off_in_height_tell_the_ground_where_it_is(
 
 @pytest.fixture
 def told(monkeypatch: pytest.MonkeyPatch) -> list[MapUpdate]:
-    """What predictors are told, image by image."""
+    """Updates that predictors are given, image by image."""
     found: list[MapUpdate] = []
     see = ScanPredictor.see
 
