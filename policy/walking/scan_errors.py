@@ -20,8 +20,8 @@ _STEP_M = 0.05  # way after which some errors change, half the scan's spacing: s
 _LEVER_M = 0.54  # mean distance of the scan's points: their way where it turns by 1 rad
 _CELL_M = 0.1, 0.3  # sides of the world's cells along x and y, with one dip each: dips one, two and
 # three spacings apart along y then have correlations of 0.67, 0.33, 0; 0.54, 0.33, 0 were measured
-_DEPTH_M = 0.4  # the deepest dip; of the trenches in which dips were measured, docs/walking.md
-_POWER = 3.0  # of a uniform number in dips: quartiles of 0.05, 0.13 and 0.3 of that were measured
+_DEPTH_M = 0.65  # the deepest dip; trenches of 0.4 m, in which dips were measured, end them before
+_POWER = 2.2  # of a uniform number in dips: quartiles of 0.03, 0.14 and 0.35 m, docs/walking.md
 _WAVE = (12.9898, 78.233, 43758.5453)  # the hash of many a shader: sines of these look random
 
 

@@ -134,11 +134,11 @@ def test_gaps_of_one_spacing_across_the_way_are_told_as_dips(filled, along):
         np.testing.assert_array_equal(told[low & ~deep], truth[low & ~deep])
         assert (told >= truth).all()
         assert (told <= np.maximum(truth, edge)).all()
-        share = ((edge - told) / 0.4)[low & (depth > 0.4)]
+        share = ((edge - told) / 0.65)[low & (depth > 0.4)]
         assert np.mean(share < 1e-9) == pytest.approx(filled, abs=0.04)
         for part in (0.2, 0.5, 0.8) if filled < 1.0 else ():
             expected = filled + (1.0 - filled) * part
-            assert np.mean(share < part**3) == pytest.approx(expected, abs=0.05)
+            assert np.mean(share < part**2.2) == pytest.approx(expected, abs=0.05)
 
 
 def test_a_dip_stays_where_it_is_while_the_robot_moves():
