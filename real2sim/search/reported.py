@@ -73,7 +73,11 @@ def stated_model(
         },
         {effect: estimates.each_trace(found, comparison.size) for effect, found in places.items()},
     )
-    tried = [_TiedModel(problem, comparison, chosen.fit, way).fitted(evaluate) for way in ways]
+    tried: list[StatedModel] = []
+    for k, way in enumerate(ways):
+        same = [one for one, other in zip(tried, ways[:k], strict=True) if _is_same(way, other)]
+        tied = _TiedModel(problem, comparison, chosen.fit, way)
+        tried.append(same[0] if same else tied.fitted(evaluate))
     least = decide.explained_share(comparison, model)
     lowest = min(comparison.cost(one.residuals) for one in tried)
     for one in tried:
@@ -88,6 +92,19 @@ def stated_model(
     return StatedModel(
         groups=tried[-1].groups, unknowns=chosen.fit.unknowns, residuals=chosen.fit.residuals
     )
+
+
+def _is_same(one: Groups, other: Groups) -> bool:
+    """True where two statements of a model are one: the same values at the same places."""
+    first, second = (
+        [
+            ([(place.block, place.candidate) for place in group.places], group.value.tolist())
+            for groups in way.values()
+            for group in groups
+        ]
+        for way in (one, other)
+    )
+    return first == second
 
 
 def without_little(
