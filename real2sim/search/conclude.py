@@ -191,7 +191,8 @@ def _unnamed(problem: Problem, comparison: ModelComparison, null: ScoredFit) -> 
     """The ruling where no effect can be named: there is a gap, or none.
 
     What a signal shows in most segments alike may be noise that lasts, up to `LASTING`. What one
-    cell alone shows, or one of several repeats of a motion, may be chance, up to `ALONE`.
+    cell alone shows, or one of several repeats of a motion, may be chance, up to `ALONE`. Counts of
+    a segment must tell as much as names an effect: two images that are lost of 38 are no riddle.
     """
     least = decide.REMAINDER_RMS * problem.samples_per_residual**0.5
     cells, structure = comparison.cells, null.structure
@@ -200,6 +201,7 @@ def _unnamed(problem: Problem, comparison: ModelComparison, null: ScoredFit) -> 
         own = cells.signal == signal
         lasting[:, own] = np.median(structure[:, own], axis=1, keepdims=True)
     left = cells.rms(structure - np.minimum(UNEVEN * lasting, LASTING * least**2))
+    left = np.where(cells.tells(structure, decide.GAIN_NATS), left, 0.0)
     shown = left > least
     is_chance = np.sum(shown) <= 1 or _is_shown_once(problem, null.fit.residuals, least)
     return "unexplained" if not is_chance or np.any(left > ALONE * least) else "no_gap"

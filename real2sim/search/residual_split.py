@@ -214,6 +214,10 @@ class ResidualCells:
         """Cells whose structure has at least this RMS and is not chance, shape of `structure`."""
         return np.asarray(structure > np.maximum(least_rms**2, self._chance))
 
+    def tells(self, structure: Floats, gain_nats: float) -> Mask:
+        """Cells of many rows, and those of few that have this gain [nats]; shape of `structure`."""
+        return np.asarray((self.counts >= FEW) | (structure * self.counts >= 2.0 * gain_nats))
+
     @property
     def _chance(self) -> Floats:
         """Structure that noise may show in each cell, shape (cells,)."""
@@ -227,7 +231,8 @@ class ResidualCells:
         as a bent floor.
         """
         total = float(before[shows].sum())
-        left = np.maximum(0.0, after - RESIDUE / np.sqrt(self.counts))
+        residue = np.where(self.counts < FEW, self._chance, RESIDUE / np.sqrt(self.counts))
+        left = np.maximum(0.0, after - residue)
         return 1.0 - float(left[shows].sum()) / total if total > 0.0 else 1.0
 
     def rms(self, structure: Floats) -> Floats:

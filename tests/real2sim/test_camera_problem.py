@@ -32,6 +32,7 @@ from saltus.real2sim.problem.camera.edges import edge_counts
 from saltus.real2sim.problem.camera.log_images import frames_of
 from saltus.real2sim.problem.camera.problem import CameraProblem
 from saltus.real2sim.problem.camera.rays import claimed_scenes
+from saltus.real2sim.search.search import search_effects
 from saltus.real2sim.sensors import SENSORS
 from saltus.real2sim.stacked_problem import RebasedProblem
 from saltus.recordings.run_log import DepthTable
@@ -205,6 +206,15 @@ def test_what_a_log_cannot_show_is_said_with_numbers() -> None:
     assert "edge_holes" not in problem(boxes=POST, duration_s=8.0).untestable
     few = problem(duration_s=1.5).untestable
     assert "fewer than 50" in few["frame_drop"]
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+@pytest.mark.parametrize("share", [0.01, 0.02, 0.03, 0.1])
+def test_a_few_lost_images_are_named_or_nothing_is(share: float, seed: int) -> None:
+    found = search_effects(problem(truth=Truth(drop=share), duration_s=12.0, seed=seed), seed=seed)
+    assert found.verdict == ("named" if found.effects else "no_gap")
+    assert {effect.name for effect in found.effects} <= {"frame_drop"}
+    assert found.effects or share < 0.1
 
 
 def test_residuals_are_finite_at_every_bound_and_sets_do_not_mix() -> None:
