@@ -6,7 +6,7 @@ times a call.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -89,17 +89,12 @@ def sorted_into_cells(
         xp.floor(fine_cell_positions(points[:, :, :2], corner, settings) + 0.5), xp.int64
     )
     inside = valid & xp.all((place >= 0) & (place < side), axis=-1)
-    batch, count = valid.shape
+    batch = len(valid)
     robots = xp.arange(batch, dtype=xp.int64, device=points.device)[:, None] * side**2
-    # What is outside adds nothing, to cells far apart: additions to one and the same cell would
-    # wait for each other.
-    spare = xp.arange(count, dtype=xp.int64, device=points.device)[None, :] % side**2
-    index = (robots + xp.where(inside, place[..., 0] * side + place[..., 1], spare)).reshape(-1)
-    z, kept = points[:, :, 2].reshape(-1), xp.astype(inside, points.dtype).reshape(-1)
-    sums = [
-        _added(index, kept * value, batch * side**2)
-        for value in (xp.ones_like(z), z, variance.reshape(-1))
-    ]
+    index = robots + place[..., 0] * side + place[..., 1]
+    size = batch * side**2
+    index, z, variance = _chosen(inside, size, index, points[:, :, 2], variance)
+    sums = [_added(index, value, size) for value in (xp.ones_like(z), z, variance)]
     number, total, spread = (value.reshape(batch, side, side) for value in sums)
     some = number.clip(1.0, None)
     mean, each = total / some, spread / some
@@ -107,14 +102,8 @@ def sorted_into_cells(
     high = low = mean
     if extremes:
         hit = number > 0.0
-        found = [
-            _highest(index, xp.where(kept > 0.0, sign * z, -math.inf), batch * side**2)
-            for sign in (1.0, -1.0)
-        ]
-        high, low = (
-            xp.where(hit, sign * value.reshape(batch, side, side), 0.0)
-            for sign, value in zip((1.0, -1.0), found, strict=True)
-        )
+        found = [_farthest(index, z, size, start) for start in (-math.inf, math.inf)]
+        high, low = (xp.where(hit, value.reshape(batch, side, side), 0.0) for value in found)
     variance = each * (shared + (1.0 - shared) / some)
     return CellHeights(mean=mean, variance=variance, high=high, low=low, count=number)
 
@@ -141,33 +130,30 @@ def lowest_lines(
         corner: First cell of the window, see `window_corner`.
         settings: Of the map.
     """
-    xp, (batch, count), side = namespace(points), valid.shape, settings.side
-    end, away = fine_cell_positions(points[..., :2], corner, settings) + 0.5, viewpoint - points
-    whole: dict[str, Any] = {"dtype": xp.int64, "device": points.device}
-    robot = xp.broadcast_to(xp.arange(batch, **whole)[:, None] * side**2, (batch, count))
-    if isinstance(points, np.ndarray):  # a third of what a camera sees is in the window
-        reach = ((start_m + LINE_STEPS * LINE_STEP_M) / settings.fine_m)[..., None]
-        near = valid & np.all((end > -reach) & (end < side + reach), axis=-1)
-        points, end, away, start_m, robot, valid = (
-            values[near] for values in (points, end, away, start_m, robot, valid)
+    xp, batch, side = namespace(points), len(valid), settings.side
+    # Points come last: numpy adds to long rows in a quarter of the time
+    end = xp.matrix_transpose(fine_cell_positions(points[..., :2], corner, settings)) + 0.5
+    away, height = xp.matrix_transpose(viewpoint - points), points[..., 2]
+    if isinstance(points, np.ndarray) and batch == 1:  # what a camera sees is not all in the window
+        reach = (start_m + LINE_STEPS * LINE_STEP_M) / settings.fine_m
+        near = np.flatnonzero(valid & np.all((end > -reach) & (end < side + reach), axis=1))
+        end, away, height, start_m, valid = (
+            values.take(near, axis=-1) for values in (end, away, height, start_m, valid)
         )
-    length = (xp.sum(away[..., :2] ** 2, axis=-1) ** 0.5).clip(1e-3, None)
+    length = ((away[:, 0] ** 2 + away[:, 1] ** 2) ** 0.5).clip(1e-3, None)
     steps = LINE_STEP_M * xp.arange(LINE_STEPS, dtype=points.dtype, device=points.device)
-    share = (start_m[..., None] + steps) / length[..., None]
+    share = (start_m[:, None, :] + steps[:, None]) / length[:, None, :]
     back = away / settings.fine_m
-    row, column = (
-        xp.floor(end[..., axis, None] + share * back[..., axis, None]) for axis in (0, 1)
-    )
-    inside = valid[..., None] & (share < 1.0)
+    row, column = (xp.floor(end[:, None, axis] + share * back[:, None, axis]) for axis in (0, 1))
+    inside = valid[:, None, :] & (share < 1.0)
     inside = inside & (row >= 0) & (row < side) & (column >= 0) & (column < side)
-    cell = xp.astype(xp.where(inside, row * side + column, 0.0), xp.int64)
-    # As in `sorted_into_cells`, what is outside adds nothing, to cells far apart
-    spare = xp.reshape(xp.arange(math.prod(cell.shape), **whole) % side**2, cell.shape)
-    index = robot[..., None] + xp.where(inside, cell, spare)
-    height = points[..., 2, None] + share * away[..., 2, None]
-    least = xp.where(inside, -height, -NO_LINE_M)
-    found = _highest(index.reshape(-1), least.reshape(-1), batch * side**2)
-    return -found.clip(-NO_LINE_M, None).reshape(batch, side, side)
+    robots = xp.arange(batch, dtype=xp.int64, device=points.device)[:, None, None] * side**2
+    index = robots + xp.astype(row * side + column, xp.int64)
+    height = height[:, None, :] + share * away[:, None, 2]
+    size = batch * side**2
+    index, height = _chosen(inside, size, index, height)
+    found = _farthest(index, height, size, math.inf)
+    return found.clip(None, NO_LINE_M).reshape(batch, side, side)
 
 
 def move_window(values: Array, by: Array, new: float) -> Array:
@@ -221,15 +207,35 @@ def sample_bilinear(values: Array, place: Array) -> Array:
     return near * (1.0 - s) + far * s
 
 
+def _chosen(inside: Array, size: int, index: Array, *values: Array) -> list[Array]:
+    """Places and values of what is inside an array of `size`, each in one row.
+
+    Numpy leaves out the rest. A GPU would wait until it is counted: there it goes to as many spare
+    places behind, far apart, as additions to one and the same place would wait for each other.
+    """
+    xp = namespace(inside)
+    inside, index, *others = [each.reshape(-1) for each in (inside, index, *values)]
+    if isinstance(inside, np.ndarray):
+        chosen = np.flatnonzero(inside)
+        return [each.take(chosen) for each in (index, *others)]
+    spare = xp.arange(len(index), dtype=xp.int64, device=index.device) % size
+    return [xp.where(inside, index, size + spare), *others]
+
+
 def _added(index: Array, values: Array, size: int) -> Array:
+    """Sums of the values that come to each place; what `_chosen` put behind is left out."""
     if isinstance(values, np.ndarray):
         return np.bincount(index, values, size).astype(values.dtype)
-    return values.new_zeros(size).index_add_(0, index, values)
+    return values.new_zeros(2 * size).index_add_(0, index, values)[:size]
 
 
-def _highest(index: Array, values: Array, size: int) -> Array:
+def _farthest(index: Array, values: Array, size: int, start: float) -> Array:
+    """Highest value that comes to each place, from a `start` of minus infinity on;
+    from infinity on the lowest.
+    """
     if isinstance(values, np.ndarray):
-        found = np.full(size, -np.inf, values.dtype)
-        np.maximum.at(found, index, values)
+        found = np.full(size, start, values.dtype)
+        (np.maximum if start < 0.0 else np.minimum).at(found, index, values)
         return found
-    return values.new_full((size,), -math.inf).scatter_reduce_(0, index, values, "amax")
+    kind = "amax" if start < 0.0 else "amin"
+    return values.new_full((2 * size,), start).scatter_reduce_(0, index, values, kind)[:size]
