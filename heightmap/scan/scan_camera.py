@@ -50,7 +50,7 @@ class ScanCamera:
         self._rotation = np.asarray(mount.rotation, np.float32)
         self._range_m = range_m
         self._lens: Intrinsics | None = None
-        self._looks, self._step = np.zeros((0, 3), np.float32), 1
+        self._looks, self._step = np.zeros((3, 0), np.float32), 1
 
     def points(self, frame: DepthFrame, up: Floats, base_height: float) -> ImagePoints:
         """Points of an image.
@@ -63,22 +63,21 @@ class ScanCamera:
         lens = intrinsics_of(frame)
         if lens != self._lens:
             rays, self._step = _rays(lens)
-            # In the base frame, for each metre of depth
-            self._lens, self._looks = (
-                lens,
-                rays @ self._rotation.T,
-            )
+            # In the base frame, for each metre of depth. Each axis lies in one piece, here and in
+            # all that is made of it: numpy adds and compares so in a sixth of the time
+            self._lens, self._looks = lens, self._rotation @ rays.T
         looks, step = self._looks, self._step
         raw = frame.depth[step // 2 :: step, step // 2 :: step].reshape(-1)
         depth = raw.astype(np.float32) * np.float32(frame.depth_unit_m)
         valid = (raw > 0) & (raw < NOTHING)
         if self._range_m is not None:
             valid &= (depth >= self._range_m[0]) & (depth <= self._range_m[1])
-        fall = looks @ up.astype(np.float32)
+        fall = up.astype(np.float32) @ looks
         near = fall * REACH_M < -(base_height + float(self.position @ up))
         missing = float(np.mean(raw[near] == 0)) if np.count_nonzero(near) >= FEWEST else 0.0
-        kept = depth[valid]
-        return ImagePoints(looks[valid] * kept[:, None] + self.position, kept, missing)
+        kept = np.flatnonzero(valid)
+        points = looks.take(kept, axis=1) * depth[kept] + self.position[:, None]
+        return ImagePoints(points.T, depth[kept], missing)
 
 
 def read_lens(lens: Intrinsics) -> Intrinsics:

@@ -259,19 +259,19 @@ class ScanService:
         for each in shown:
             there = each.exposed
             found = self._rig.cameras[each.camera].points(each.frame, there.rotation[2], height)
-            kept = ~self._rig.body.holds(found.points, there.joint_position)
+            kept = np.flatnonzero(~self._rig.body.holds(found.points, there.joint_position))
             turn = (newest.rotation.T @ there.rotation).astype(np.float32)
             away = (newest.rotation.T @ (there.position - newest.position)).astype(np.float32)
             missing.append(found.missing)
             if found.missing <= BLIND_INVALID_PIXELS:
-                points.append(found.points[kept] @ turn.T + away)
+                points.append(turn @ found.points.T.take(kept, axis=1) + away[:, None])
                 depths.append(found.depth[kept])
                 viewpoint = self._rig.cameras[each.camera].position @ turn.T + away
-                viewpoints.append(np.broadcast_to(viewpoint, points[-1].shape))
+                viewpoints.append(np.broadcast_to(viewpoint, (len(kept), 3)))
         if not points:
             return _Look(shown, missing, plausible=True)
         measured = MapUpdate(
-            points=np.concatenate(points)[None], depth=np.concatenate(depths)[None],
+            points=np.concatenate(points, axis=1).T[None], depth=np.concatenate(depths)[None],
             exposed=newest.pose,
             now=now.pose, feet=feet[None], standing=np.ones((1, len(feet)), np.bool_),
             body_height=np.full(1, height, np.float32),
