@@ -37,32 +37,34 @@ def match_drift(
     """Compares `new` with the map and its `slopes_of`;
     `away` are x and y of the cells from the base [m].
     """
-    xp = namespace(height)
+    xp, batch = namespace(height), len(height)
     residual = new.mean - height
     steepness = slopes[0] ** 2 + slopes[1] ** 2
     used = known & (new.count > 0.0) & (xp.abs(residual) < settings.gate_m)
     used = used & (steepness <= settings.matched_slope**2)
+    one = xp.ones_like(residual)
+    columns = [*slopes, away[0] * one, away[1] * one, residual, steepness, variance + new.variance]
+    used, *columns = (xp.reshape(column, (batch, -1)) for column in (used, *columns))
+    if alone := isinstance(used, np.ndarray) and batch == 1:  # an image hits one cell in eight
+        cells = np.flatnonzero(used)
+        used, *columns = (column.take(cells, axis=1) for column in (used, *columns))
+    slope_x, slope_y, x, y, residual, steepness, noise = columns
     # A point may be off sideways, too: by so much it says less of the height the steeper the map
     # is.
-    steep = settings.sideways_m**2 * steepness
-    total = variance + new.variance + steep + settings.least_m**2
+    total = noise + settings.sideways_m**2 * steepness + settings.least_m**2
     weight = xp.where(used, settings.independent / total, 0.0)
-    batch, one = len(height), xp.ones_like(residual)
-    columns = [-slopes[0], -slopes[1], one, away[1] * one, -away[0] * one, residual]
-    if isinstance(weight, np.ndarray) and batch == 1:  # an image hits one cell in eight
-        cells = np.flatnonzero(weight)
-        factors = np.stack([column.reshape(-1)[cells] for column in columns])[None]
-        weight = weight.reshape(-1)[cells]
-    else:
-        factors = xp.reshape(xp.stack(columns, axis=1), (batch, len(columns), -1))
-    products = (factors[:, :-1] * xp.reshape(weight, (batch, 1, -1))) @ xp.matrix_transpose(factors)
+    factors = xp.stack([-slope_x, -slope_y, xp.ones_like(x), y, -x, residual], axis=1)
+    products = (factors[:, :-1] * weight[:, None]) @ xp.matrix_transpose(factors)
+    if alone:  # numpy's numbers are added in a tenth of the time of arrays of one
+        products = products[0]
     priors = [settings.step_m] * 3 + [settings.tilt_rad] * 2
     matrix = [
-        [products[:, i, j] + (i == j) * prior**-2 for j in range(i + 1)]
+        [products[..., i, j] + (i == j) * prior**-2 for j in range(i + 1)]
         for i, prior in enumerate(priors)
     ]
-    found = _solved(matrix, [products[:, i, -1] for i in range(len(priors))])
-    return PoseError(xp.stack(found[:3], axis=-1), xp.stack(found[3:], axis=-1))
+    found = _solved(matrix, [products[..., i, -1] for i in range(len(priors))])
+    shift, tilt = (xp.stack(part, axis=-1) for part in (found[:3], found[3:]))
+    return PoseError(xp.reshape(shift, (batch, 3)), xp.reshape(tilt, (batch, 2)))
 
 
 def _solved(lower: list[list[Array]], right: list[Array]) -> list[Array]:
@@ -89,11 +91,13 @@ def slopes_of(height: Array, known: Array, fine_m: float) -> tuple[Array, Array]
     """Slopes along x and y, 0 where a neighbour is unknown or the window ends."""
     xp = namespace(height)
 
-    def along(values: Array, mask: Array) -> Array:
-        both = mask[:, 2:, :] & mask[:, :-2, :]
-        inner = xp.where(both, (values[:, 2:, :] - values[:, :-2, :]) / (2.0 * fine_m), 0.0)
-        edge = xp.zeros_like(values[:, :1, :])
-        return xp.concat([edge, inner, edge], axis=1).clip(-STEEPEST, STEEPEST)
+    def along(axis: int) -> Array:
+        ahead, behind, first = (
+            (slice(None),) * axis + (part,) for part in (slice(2, None), slice(-2), slice(1))
+        )
+        steep = (height[ahead] - height[behind]) / (2.0 * fine_m)
+        inner = xp.where(known[ahead] & known[behind], steep, 0.0)
+        edge = xp.zeros_like(height[first])
+        return xp.concat([edge, inner, edge], axis=axis).clip(-STEEPEST, STEEPEST)
 
-    turned = along(xp.matrix_transpose(height), xp.matrix_transpose(known))
-    return along(height, known), xp.matrix_transpose(turned)
+    return along(1), along(2)
