@@ -17,10 +17,9 @@ def fill_cells(height: Array, weight: Array) -> Array:
         total = xp.sum(weight, axis=(1, 2), keepdims=True)
         mean = xp.sum(weight * height, axis=(1, 2), keepdims=True) / (total + _LEAST)
         return weight * height + (1.0 - weight) * mean
-    total = _fours(weight)
-    mean = _fours(weight * height) / (total + _LEAST)
-    coarse = fill_cells(mean, total.clip(0.0, 1.0))
-    return weight * height + (1.0 - weight) * _doubled(coarse)
+    weighted, total = weight * height, _fours(weight)
+    coarse = fill_cells(_fours(weighted) / (total + _LEAST), total.clip(0.0, 1.0))
+    return weighted + (1.0 - weight) * _doubled(coarse)
 
 
 _LEAST = 1e-9
@@ -42,7 +41,7 @@ def _doubled(values: Array) -> Array:
 
 def _doubled_rows(values: Array) -> Array:
     xp = namespace(values)
-    before = xp.concat([values[:, :1, :], values[:, :-1, :]], axis=1)
-    after = xp.concat([values[:, 1:, :], values[:, -1:, :]], axis=1)
-    pair = xp.stack([0.75 * values + 0.25 * before, 0.75 * values + 0.25 * after], axis=2)
+    near = 0.75 * values
+    far = 0.25 * xp.concat([values[:, :1], values, values[:, -1:]], axis=1)
+    pair = xp.stack([near + far[:, :-2], near + far[:, 2:]], axis=2)
     return xp.reshape(pair, (values.shape[0], 2 * values.shape[1], values.shape[2]))

@@ -96,7 +96,7 @@ def slopes_of(height: Array, known: Array, fine_m: float) -> tuple[Array, Array]
             (slice(None),) * axis + (part,) for part in (slice(2, None), slice(-2), slice(1))
         )
         steep = (height[ahead] - height[behind]) / (2.0 * fine_m)
-        inner = xp.where(known[ahead] & known[behind], steep, 0.0)
+        inner = (known[ahead] & known[behind]) * steep
         edge = xp.zeros_like(height[first])
         return xp.concat([edge, inner, edge], axis=axis).clip(-STEEPEST, STEEPEST)
 
