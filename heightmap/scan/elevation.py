@@ -14,6 +14,7 @@ from saltus.arrays import Array, namespace
 from saltus.heightmap.scan.cells import (
     NO_LINE_M,
     CellHeights,
+    HitCells,
     cell_centres,
     fine_cell_positions,
     lowest_lines,
@@ -209,6 +210,8 @@ def _matched(
 def _moved(state: ElevationMap, position: Array, settings: MapSettings) -> ElevationMap:
     corner = window_corner(position, settings)
     by = (corner - state.corner) * settings.sub
+    if isinstance(by, np.ndarray) and not by.any():  # of a GPU this is not asked, as that waits
+        return state
     unknown = {
         "variance": UNKNOWN_M2, "clear": NO_LINE_M, "seen_s": NEVER_S, "told_width": WIDEST
     }  # fmt: skip
@@ -272,7 +275,7 @@ def _clear(
     start = SURE * _depth_deviation(measured, settings)
     lines = lowest_lines(points, viewpoint, start, measured.depth > 0.0, state.corner, settings)
     clear = xp.minimum(state.clear, lines)
-    above = xp.where(new.count > 0.0, (new.mean - clear).clip(0.0, None), 0.0)
+    above = (new.count > 0.0) * (new.mean - clear).clip(0.0, None)
     return clear + (1.0 - FADES) * above
 
 
@@ -291,21 +294,22 @@ def _unrest(before: Array, change: PoseError) -> Array:
 
 def _fused(state: ElevationMap, new: CellHeights, settings: MapSettings) -> ElevationMap:
     """Kalman's mean of each cell that the image hit."""
-    xp, hit = namespace(state.height), new.count > 0.0
-    if isinstance(hit, np.ndarray) and not hit.any():  # of a GPU this is not asked, as that waits
-        return state
-    known, off = is_known(state), new.mean - state.height
-    old = state.variance + xp.where(known, settings.surprise * off**2, 0.0)
-    gain = old / (old + new.variance)
-    height = state.height + gain * off
-    variance = (gain * new.variance).clip(settings.least_m**2, UNKNOWN_M2)
-    was_high = xp.where(known, height + FADES * (state.high - state.height), new.high)
-    was_low = xp.where(known, height + FADES * (state.low - state.height), new.low)
+    hit = HitCells(new.count > 0.0)
+    old, was_high, was_low = map(hit.of, (state.height, state.high, state.low))
+    seen, spread, high, low = map(hit.of, (new.mean, new.variance, new.high, new.low))
+    variance = hit.of(state.variance)
+    xp, known, off = namespace(old), variance < 0.5 * UNKNOWN_M2, seen - old
+    doubt = variance + xp.where(known, settings.surprise * off**2, 0.0)
+    gain = doubt / (doubt + spread)
+    height = old + gain * off
+    was_high = xp.where(known, height + FADES * (was_high - old), high)
+    was_low = xp.where(known, height + FADES * (was_low - old), low)
+    variance = (gain * spread).clip(settings.least_m**2, UNKNOWN_M2)
     return state._replace(
-        height=xp.where(hit, height, state.height),
-        variance=xp.where(hit, variance, state.variance),
-        high=xp.where(hit, xp.maximum(new.high, was_high), state.high),
-        low=xp.where(hit, xp.minimum(new.low, was_low), state.low),
+        height=hit.put(state.height, height),
+        variance=hit.put(state.variance, variance),
+        high=hit.put(state.high, xp.maximum(high, was_high)),
+        low=hit.put(state.low, xp.minimum(low, was_low)),
     )
 
 

@@ -69,20 +69,24 @@ def inputs_of(
     """Inputs of the network after an image; `now_s` has shape (batch,)."""
     xp = namespace(state.height)
     level = (around.base[:, 2] - image.body_height)[:, None, None]
-    known, hit, foot = is_known(state), around.new.count > 0.0, around.feet.count > 0.0
     age = (now_s[:, None, None] - state.seen_s).clip(0.0, OLDEST_S)
+    # Numpy multiplies by 0 or 1 in a tenth of the time of a choice
+    known, hit, foot = (
+        xp.astype(mask, age.dtype)
+        for mask in (is_known(state), around.new.count > 0.0, around.feet.count > 0.0)
+    )
 
     def above(height: Array, mask: Array) -> Array:
-        return xp.where(mask, height - around.filled, 0.0)
+        return mask * (height - around.filled)
 
     measured = [
-        xp.astype(known, age.dtype), xp.where(known, state.variance, 0.0) ** 0.5, age,
+        known, (known * state.variance) ** 0.5, age,
         above(around.new.mean, hit), around.new.count, above(around.new.high, hit),
         above(around.new.low, hit),
         above(state.high, known), above(state.low, known), above(around.feet.mean, foot),
         around.feet.count, (state.clear - around.filled).clip(-REACH_M, REACH_M),
     ]  # fmt: skip
-    told = xp.where(state.told_width < WIDEST, state.told - around.filled, 0.0)
+    told = (state.told_width < WIDEST) * (state.told - around.filled)
     images = state.images.clip(0.0, MOST_IMAGES)
     feet = xp.sum(around.feet.count, axis=(1, 2))
     return ScanInputs(
