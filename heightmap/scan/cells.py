@@ -49,7 +49,7 @@ class HitCells:
 
     def of(self, plane: Array) -> Array:
         """Values of a plane in them."""
-        return plane if self._places is None else plane.reshape(-1)[self._places]
+        return plane if self._places is None else plane.reshape(-1).take(self._places)
 
     def put(self, plane: Array, values: Array) -> Array:
         """The plane with such values in place of its own."""
@@ -120,7 +120,7 @@ def sorted_into_cells(
     index, z, variance = _chosen(inside, size, index, points[:, :, 2], variance)
     sums = [_added(index, value, size) for value in (xp.ones_like(z), z, variance)]
     number, total, spread = (value.reshape(batch, side, side) for value in sums)
-    some = number.clip(1.0, None)
+    some = number.clip(1.0, math.inf)  # numpy takes twice as long with no upper limit
     mean, each = total / some, spread / some
     shared = settings.shared_noise
     high = low = mean
@@ -155,7 +155,7 @@ def lowest_lines(
         settings: Of the map.
     """
     xp, batch, side = namespace(points), len(valid), settings.side
-    # Points come last: numpy adds to long rows in a quarter of the time
+    # Points come last: numpy adds to long rows in half the time
     end = xp.matrix_transpose(fine_cell_positions(points[..., :2], corner, settings)) + 0.5
     away, height = xp.matrix_transpose(viewpoint - points), points[..., 2]
     if isinstance(points, np.ndarray) and batch == 1:  # what a camera sees is not all in the window
@@ -225,9 +225,11 @@ def sample_bilinear(values: Array, place: Array) -> Array:
     share = place - first
     first = xp.astype(first, xp.int64)
     robots = xp.arange(values.shape[0], dtype=xp.int64, device=values.device)[:, None]
-    i, j, s, t = first[..., 0], first[..., 1], share[..., 0], share[..., 1]
-    near = values[robots, i, j] * (1.0 - t) + values[robots, i, j + 1] * t
-    far = values[robots, i + 1, j] * (1.0 - t) + values[robots, i + 1, j + 1] * t
+    s, t = share[..., 0], share[..., 1]
+    corner = (robots * side + first[..., 0]) * side + first[..., 1]
+    flat = xp.reshape(values, (-1,))
+    near = flat[corner] * (1.0 - t) + flat[corner + 1] * t
+    far = flat[corner + side] * (1.0 - t) + flat[corner + side + 1] * t
     return near * (1.0 - s) + far * s
 
 

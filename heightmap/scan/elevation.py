@@ -6,11 +6,12 @@ So the map stays where it is, and the robot moves in it; nothing is blurred by r
 for numpy and torch; a batch of robots always, one when deployed.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from saltus.arrays import Array, namespace
+from saltus.arrays import Array, Constant, namespace
 from saltus.heightmap.scan.cells import (
     NO_LINE_M,
     CellHeights,
@@ -41,6 +42,8 @@ BODY_M = 0.15
 """Half of a square under the base for whose height the body's usual one is a guess [m]."""
 BODY_WEIGHT = 1e-3
 """Weight of that guess beside a measured height."""
+_SOLE = Constant([[i, j, 0] for i in (-1, 0, 1) for j in (-1, 0, 1)])
+"""Cells around its centre that a foot covers: one of 2 to 3 cm covers three by three of 2 cm."""
 WIDEST = 1.0
 """Half-width [m] that a map without memory starts with."""
 
@@ -170,11 +173,10 @@ def advance_map(
     before = state.correction
     state = _moved(state, measured.now.position + before, settings)
     # Looks before the last one are for matching alone, which needs no extremes.
-    new = _of_image(state, measured, None, settings, extremes=not settings.matching)
-    tilt = None
+    new = _of_image(state, measured, settings, extremes=not settings.matching)
     if settings.matching:
-        state, new, tilt = _matched(state, measured, new, settings)
-    clear = _clear(state, measured, tilt, new, settings)
+        state, measured, new = _matched(state, measured, new, settings)
+    clear = _clear(state, measured, new, settings)
     state = _fused(state, new, settings)._replace(images=state.images + 1.0, clear=clear)
     state, feet = _with_feet(state, measured, settings)
     xp, known = namespace(state.height), is_known(state)
@@ -190,21 +192,23 @@ def advance_map(
 
 def _matched(
     state: ElevationMap, measured: MapUpdate, new: CellHeights, settings: MapSettings
-) -> tuple[ElevationMap, CellHeights, Array]:
-    """The map with its pose corrected by what an image shows of the drift, the image's heights from
-    there, and by how much it was tilted [rad].
+) -> tuple[ElevationMap, MapUpdate, CellHeights]:
+    """The map with its pose corrected by what an image shows of the drift, the image tilted back,
+    and its heights from there.
     """
+    exposed = measured.exposed
     shift: Array = 0.0
     tilt: Array = 0.0
     known = is_known(state)
     slopes = slopes_of(state.height, known, settings.fine_m)
     for look in range(settings.looks):
-        away = _away(state, measured.exposed.position + state.correction, settings)
+        away = _away(state, exposed.position + state.correction, settings)
         found = match_drift(state.height, state.variance, known, slopes, new, away, settings)
         shift, tilt = shift + found.shift, tilt + found.tilt
         state = state._replace(correction=state.correction - found.shift)
-        new = _of_image(state, measured, tilt, settings, extremes=look + 1 == settings.looks)
-    return state._replace(unrest=_unrest(state.unrest, PoseError(shift, tilt))), new, tilt
+        measured = measured._replace(exposed=_tilted(exposed, tilt))
+        new = _of_image(state, measured, settings, extremes=look + 1 == settings.looks)
+    return state._replace(unrest=_unrest(state.unrest, PoseError(shift, tilt))), measured, new
 
 
 def _moved(state: ElevationMap, position: Array, settings: MapSettings) -> ElevationMap:
@@ -221,32 +225,28 @@ def _moved(state: ElevationMap, position: Array, settings: MapSettings) -> Eleva
 
 
 def _of_image(
-    state: ElevationMap,
-    measured: MapUpdate,
-    tilt: Array | None,
-    settings: MapSettings,
-    *,
-    extremes: bool,
+    state: ElevationMap, measured: MapUpdate, settings: MapSettings, *, extremes: bool
 ) -> CellHeights:
-    """Heights of an image's points, tilted back by what matching found."""
-    points = _in_odometry(state, measured.points, measured.exposed, tilt)
+    """Heights of an image's points."""
+    points = _in_odometry(state, measured.points, measured.exposed)
     variance = _depth_deviation(measured, settings) ** 2 + settings.point_noise_m**2
     return sorted_into_cells(
         points, variance, measured.depth > 0.0, state.corner, settings, extremes=extremes
     )
 
 
-def _in_odometry(
-    state: ElevationMap, points: Array, exposed: OdometryPoses, tilt: Array | None
-) -> Array:
+def _tilted(pose: OdometryPoses, tilt: Array) -> OdometryPoses:
+    """Pose, tilted back by what matching found [rad]."""
+    x, y, z = (pose.rotation[:, row] for row in range(3))
+    rows = [x, y, z - tilt[:, :1] * y + tilt[:, 1:] * x]
+    return pose._replace(rotation=namespace(tilt).stack(rows, axis=1))
+
+
+def _in_odometry(state: ElevationMap, points: Array, exposed: OdometryPoses) -> Array:
     """Points (batch, n, 3) in the base frame, in the odometry's corrected world [m]."""
-    xp, rotation = namespace(state.height), exposed.rotation
-    if tilt is not None:
-        x, y, z = rotation[:, 0], rotation[:, 1], rotation[:, 2]
-        rotation = xp.stack([x, y, z - tilt[:, :1] * y + tilt[:, 1:] * x], axis=1)
-    position = exposed.position + state.correction
+    xp, position = namespace(state.height), exposed.position + state.correction
     # Each axis lies in one piece, in which numpy adds and compares in a sixth of the time
-    turned = xp.matrix_transpose(rotation @ xp.matrix_transpose(points))
+    turned = xp.matrix_transpose(exposed.rotation @ xp.matrix_transpose(points))
     return turned + position[:, None, :]
 
 
@@ -256,11 +256,7 @@ def _depth_deviation(measured: MapUpdate, settings: MapSettings) -> Array:
 
 
 def _clear(
-    state: ElevationMap,
-    measured: MapUpdate,
-    tilt: Array | None,
-    new: CellHeights,
-    settings: MapSettings,
+    state: ElevationMap, measured: MapUpdate, new: CellHeights, settings: MapSettings
 ) -> Array:
     """The lower of the map's and an image's lines of sight over each cell [m].
 
@@ -269,13 +265,13 @@ def _clear(
     """
     xp = namespace(state.height)
     points, viewpoint = (
-        _in_odometry(state, places, measured.exposed, tilt)
+        _in_odometry(state, places, measured.exposed)
         for places in (measured.points, measured.viewpoint)
     )
     start = SURE * _depth_deviation(measured, settings)
     lines = lowest_lines(points, viewpoint, start, measured.depth > 0.0, state.corner, settings)
     clear = xp.minimum(state.clear, lines)
-    above = (new.count > 0.0) * (new.mean - clear).clip(0.0, None)
+    above = (new.count > 0.0) * (new.mean - clear).clip(0.0, math.inf)
     return clear + (1.0 - FADES) * above
 
 
@@ -330,31 +326,16 @@ def _with_feet(
     change = settings.foot_gain * mean
     level = xp.zeros_like(change)
     state = state._replace(correction=state.correction - xp.stack([level, level, change], -1))
-    soles = _soles(feet, settings) - xp.stack([level, level, change], -1)[:, None, :]
-    stands = xp.reshape(
-        xp.broadcast_to(measured.standing[:, :, None], (*measured.standing.shape, _SOLE**2)),
-        soles.shape[:2],
-    )
+    feet = feet - xp.stack([level, level, change], -1)[:, None, :]
+    soles = feet[:, :, None, :] + settings.fine_m * _SOLE.like(feet)
+    stands = xp.repeat(measured.standing, soles.shape[2], axis=1)
+    soles = xp.reshape(soles, (len(feet), -1, 3))
     variance = xp.zeros_like(soles[..., 2]) + settings.foot_noise_m**2
     cells = sorted_into_cells(soles, variance, stands, state.corner, settings, extremes=False)
     # Where the map knows the ground, feet move the pose: a height that was drawn to the foot would
     # hide the drift.
-    new = cells._replace(count=xp.where(is_known(state), 0.0, cells.count))
+    new = cells._replace(count=~is_known(state) * cells.count)
     return _fused(state, new, settings), cells
-
-
-_SOLE = 3  # a foot of 2 to 3 cm covers three by three cells of 2 cm
-
-
-def _soles(feet: Array, settings: MapSettings) -> Array:
-    """Points of the ground that each foot covers, shape (batch, feet * 9, 3)."""
-    xp = namespace(feet)
-    steps = (xp.arange(_SOLE, dtype=feet.dtype, device=feet.device) - 1.0) * settings.fine_m
-    x, y = xp.meshgrid(steps, steps, indexing="ij")
-    offsets = xp.stack(
-        [xp.reshape(x, (-1,)), xp.reshape(y, (-1,)), xp.zeros_like(xp.reshape(x, (-1,)))], -1
-    )
-    return xp.reshape(feet[:, :, None, :] + offsets[None, None], (feet.shape[0], -1, 3))
 
 
 def _under_body(
@@ -365,5 +346,6 @@ def _under_body(
     """
     xp = namespace(base)
     x, y = _away(state, base, settings)
-    under = (xp.abs(x) < BODY_M) & (xp.abs(y) < BODY_M)
-    return (base[:, 2] - body_height)[:, None, None], BODY_WEIGHT * xp.astype(under, base.dtype)
+    # Each alone is a row or a column
+    along, across = (xp.astype(xp.abs(way) < BODY_M, base.dtype) for way in (x, y))
+    return (base[:, 2] - body_height)[:, None, None], BODY_WEIGHT * along * across

@@ -133,12 +133,13 @@ class OdometryTrail:
             or points[0].time_ns - time_ns > REACH_NS
         ):
             return None
-        before = next((point for point in reversed(points) if point.time_ns <= time_ns), None)
-        if before is None:
-            return points[0].moved(1e-9 * (time_ns - points[0].time_ns))
+        after = None
+        for before in reversed(points):
+            if before.time_ns <= time_ns:
+                break
+            after = before
         early = before.moved(1e-9 * (time_ns - before.time_ns))
-        after = next((point for point in points if point.time_ns > time_ns), None)
-        if after is None:
+        if after is None or after is before:
             return early
         share = (time_ns - before.time_ns) / (after.time_ns - before.time_ns)
         position = before.position + share * (after.position - before.position)

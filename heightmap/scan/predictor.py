@@ -72,7 +72,7 @@ class _Known(NamedTuple):
         shown = np.where(state.seen_s > 0.5 * NEVER_S, state.height, np.nan)
         newest = state.seen_s[0]
         for _ in range(2):  # along columns, then along rows
-            beside = newest.copy()
+            beside = newest.copy(order="K")
             np.maximum(beside[1:], newest[:-1], out=beside[1:])
             np.maximum(beside[:-1], newest[1:], out=beside[:-1])
             newest = beside.T

@@ -74,7 +74,8 @@ class ScanCamera:
             valid &= (depth >= self._range_m[0]) & (depth <= self._range_m[1])
         fall = up.astype(np.float32) @ looks
         near = fall * REACH_M < -(base_height + float(self.position @ up))
-        missing = float(np.mean(raw[near] == 0)) if np.count_nonzero(near) >= FEWEST else 0.0
+        number = np.count_nonzero(near)
+        missing = np.count_nonzero(near & (raw == 0)) / number if number >= FEWEST else 0.0
         kept = np.flatnonzero(valid)
         points = looks.take(kept, axis=1) * depth[kept] + self.position[:, None]
         return ImagePoints(points.T, depth[kept], missing)

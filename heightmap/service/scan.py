@@ -199,8 +199,9 @@ class ScanService:
         by_camera = {FIRST: frames} if isinstance(frames, DepthFrame) else frames or {}
         for camera, frame in by_camera.items():
             self._accept(camera, frame, now_ns)
-        self._look(state)
-        self._stand(state)
+        feet = self._feet(state)
+        self._look(state, feet)
+        self._stand(state, feet)
         self._last = self._heightmap(state, self._status(state, now_ns))
         return self._last
 
@@ -217,13 +218,13 @@ class ScanService:
         if exposed is not None and newer and self._watches[camera].is_news(frame, now_ns):
             self._waiting[camera] = _Shown(camera, frame, now_ns, exposed)
 
-    def _look(self, state: RobotState) -> None:
+    def _look(self, state: RobotState, feet: Singles) -> None:
         """Takes in what was seen, and looks at what has come; at once where nobody else does it."""
         self._take_in()
         if self._looking is None and self._waiting:
             shown = sorted(self._waiting.values(), key=lambda each: each.frame.time_ns)
             self._waiting.clear()
-            predictor, feet, now = self._predictor, self._feet(state), self._trail.now
+            predictor, now = self._predictor, self._trail.now
             self._looking = self._worker.submit(
                 lambda: self._seen(predictor, shown, feet, now, state)
             )
@@ -267,7 +268,7 @@ class ScanService:
                 points.append(turn @ found.points.T.take(kept, axis=1) + away[:, None])
                 depths.append(found.depth[kept])
                 viewpoint = self._rig.cameras[each.camera].position @ turn.T + away
-                viewpoints.append(np.broadcast_to(viewpoint, (len(kept), 3)))
+                viewpoints.append(np.full_like(points[-1], viewpoint[:, None]))
         if not points:
             return _Look(shown, missing, plausible=True)
         measured = MapUpdate(
@@ -278,7 +279,7 @@ class ScanService:
             exposed_s=np.full(1, self._time_s(newest.time_ns), np.float32),
             odometry_error=np.full(1, self._odometry_error, np.float32),
             mount_error=np.full(1, mount_error, np.float32),
-            viewpoint=np.concatenate(viewpoints)[None],
+            viewpoint=np.concatenate(viewpoints, axis=1).T[None],
         )  # fmt: skip
         before = predictor.correction[2]
         plausible = predictor.see(measured, self._time_s(now.time_ns))
@@ -293,11 +294,11 @@ class ScanService:
         under = centres - self.sole * self._trail.now.rotation[2]
         return np.concatenate([under.astype(np.float32), told])
 
-    def _stand(self, state: RobotState) -> None:
+    def _stand(self, state: RobotState, feet: Singles) -> None:
         """Tells how far standing feet are below the ground that images showed there."""
         if self._rolling is not None and self._predictor.images and np.any(state.leg_trusted):
-            feet = self._feet(state)[: int(np.sum(state.leg_trusted))]
-            gap = self._predictor.above(self._trail.now.pose, feet)
+            trusted = feet[: np.count_nonzero(state.leg_trusted)]
+            gap = self._predictor.above(self._trail.now.pose, trusted)
             self._rolling.stand(gap[np.abs(gap) < self._map.gate_m])
 
     def _time_s(self, time_ns: int) -> float:
@@ -332,7 +333,7 @@ class ScanService:
             depth_age_s=np.inf if newest is None else 1e-9 * (state.time_ns - newest.time_ns),
             frame_id=NO_FRAME if newest is None else newest.frame_id,
             model_id=self._network.model_id,
-            seen_share=float(np.mean(np.isfinite(age_s))), age_s=age_s.clip(0.0),
+            seen_share=np.count_nonzero(np.isfinite(age_s)) / grid.size, age_s=age_s.clip(0.0),
             dialect=rig.dialect,
             observation=(
                 np.zeros(0) if self._dialect is None
