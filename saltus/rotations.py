@@ -82,7 +82,7 @@ def quaternion_from_vector(vector: Vectors) -> Quaternions:
     """Quaternion (w, x, y, z) of a rotation vector [rad],
     for numpy alone; shapes (..., 4) of (..., 3).
     """
-    angle = np.linalg.norm(vector, axis=-1, keepdims=True)
+    angle = (vector**2).sum(-1, keepdims=True) ** 0.5
     return np.concatenate(
         [np.cos(0.5 * angle), 0.5 * np.sinc(0.5 * angle / np.pi) * vector], axis=-1
     )

@@ -2,6 +2,7 @@
 velocities added up, or the positions that somebody tells.
 """
 
+import math
 from collections import deque
 from typing import NamedTuple
 
@@ -148,4 +149,4 @@ class OdometryTrail:
 
 def _angle(rotation: Floats) -> float:
     """By how much a rotation turns [rad]."""
-    return float(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1.0), -1.0, 1.0)))
+    return math.acos(min(max(0.5 * (float(rotation.trace()) - 1.0), -1.0), 1.0))

@@ -65,7 +65,7 @@ class RollingFeet:
         if trusted.any():
             off = self._velocity(state)[trusted] - np.asarray(state.velocity_base_in_world)
             off[:, 2] = 0.0  # vertically soles do not roll
-            off = off[np.linalg.norm(off, axis=-1) < MOST_MPS]
+            off = off[(off**2).sum(-1) ** 0.5 < MOST_MPS]
             if len(off):
                 share = POLICY_DT / MEAN_S
                 self._missing = self._missing + share * (off.mean(0) - self._missing)
