@@ -66,16 +66,33 @@ def test_a_piece_in_which_nothing_is_known_is_no_test() -> None:
         assert residuals[:, one & parts.is_fit].any()
 
 
-@pytest.mark.parametrize("rows", [1, 2, 3, 6, 9, 10, 60])
-def test_cells_of_any_number_of_rows_hardly_ever_show_what_is_noise(rows: int) -> None:
-    """Nine of a thousand at most, of one row; the test of a body has hundreds of six rows."""
+def cells_of(rows: int) -> ResidualCells:
+    """20,000 cells of so many rows."""
     starts = np.arange(0, 20_000 * rows, rows)
-    cells = ResidualCells(
+    return ResidualCells(
         rows=np.arange(20_000 * rows),
         starts=starts,
         segment=np.zeros_like(starts),
         signal=np.arange(len(starts)),
     )
+
+
+@pytest.mark.parametrize("rows", [1, 2, 3, 6, 9, 10, 60])
+def test_cells_of_any_number_of_rows_hardly_ever_show_what_is_noise(rows: int) -> None:
+    """Nine of a thousand at most, of one row; the test of a body has hundreds of six rows."""
+    cells = cells_of(rows)
     structure = cells.structure(np.random.default_rng(rows).normal(size=20_000 * rows))
     assert np.mean(cells.shows(structure, 0.0)) < 0.011
     assert np.mean(cells.rms(structure) > 0.0) < 0.011
+
+
+@pytest.mark.parametrize("rows", [1, 2, 3, 6, 9])
+def test_what_chance_leaves_in_cells_of_few_rows_is_no_gap(rows: int) -> None:
+    cells, rng = cells_of(rows), np.random.default_rng(rows)
+    after = cells.structure(rng.normal(size=20_000 * rows))
+    shares = [
+        cells.share_gone(np.full(20_000, 30.0), after, np.arange(20_000) == one)
+        for one in range(1000)
+    ]
+    assert np.mean(np.array(shares) < 1.0) < 0.015
+    assert cells.share_gone(np.full(20_000, 30.0), after + 15.0, after >= 0.0) < 0.8

@@ -84,8 +84,8 @@ def camera_candidates(
         ),
         _candidate("edge_holes", parameter_unknown("width", 0.3)),
         _candidate("hole_fill", parameter_unknown("reach", 0.3)),
-        # the square root of a share has a scatter that does not depend on the share
-        # and from no loss on it changes little at first: a small step would say that no share shows
+        # the square root of a share has a scatter that does not depend on the share; from no loss
+        # on residuals change little at first, so a small step would say that no share shows
         _candidate(
             "frame_drop",
             Unknown("angle", 0.0, math.asin(math.sqrt(most_dropped)), 0.2),
