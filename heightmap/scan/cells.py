@@ -37,10 +37,10 @@ class CellHeights(NamedTuple):
 
 
 class HitCells:
-    """The cells that a mask holds.
+    """The cells where a mask is true.
 
-    In numpy they alone are worked on, as an image hits one in eight. A GPU would wait until they
-    are counted: there it is all cells.
+    Numpy works on these alone, as an image hits one in eight. On a GPU, which would wait until they
+    are counted, it is all cells.
     """
 
     def __init__(self, mask: Array) -> None:
@@ -236,8 +236,8 @@ def sample_bilinear(values: Array, place: Array) -> Array:
 def _chosen(inside: Array, size: int, index: Array, *values: Array) -> list[Array]:
     """Places and values of what is inside an array of `size`, each in one row.
 
-    Numpy leaves out the rest. A GPU would wait until it is counted: there it goes to as many spare
-    places behind, far apart, as additions to one and the same place would wait for each other.
+    Numpy leaves out the rest. On a GPU, which would wait until it is counted, the rest goes to
+    places from `size` on, far apart: additions to one place would wait for each other.
     """
     xp = namespace(inside)
     inside, index, *others = [each.reshape(-1) for each in (inside, index, *values)]
@@ -249,15 +249,15 @@ def _chosen(inside: Array, size: int, index: Array, *values: Array) -> list[Arra
 
 
 def _added(index: Array, values: Array, size: int) -> Array:
-    """Sums of the values that come to each place; what `_chosen` put behind is left out."""
+    """Sums of the values that come to each of `size` places; places behind these are left out."""
     if isinstance(values, np.ndarray):
         return np.bincount(index, values, size).astype(values.dtype)
     return values.new_zeros(2 * size).index_add_(0, index, values)[:size]
 
 
 def _farthest(index: Array, values: Array, size: int, start: float) -> Array:
-    """Highest value that comes to each place, from a `start` of minus infinity on;
-    from infinity on the lowest.
+    """Highest value that comes to each place where `start` is minus infinity, lowest where it is
+    infinity; `start` where none comes.
     """
     if isinstance(values, np.ndarray):
         found = np.full(size, start, values.dtype)

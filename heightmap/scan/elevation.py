@@ -346,6 +346,6 @@ def _under_body(
     """
     xp = namespace(base)
     x, y = _away(state, base, settings)
-    # Each alone is a row or a column
+    # One is a column, the other a row: cheaper than whole planes
     along, across = (xp.astype(xp.abs(way) < BODY_M, base.dtype) for way in (x, y))
     return (base[:, 2] - body_height)[:, None, None], BODY_WEIGHT * along * across

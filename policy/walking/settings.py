@@ -159,7 +159,7 @@ class ScanErrorSettings:
     """Up or down, all points alike, for an episode (+-): height of the base above its feet."""
     filled: float = 0.05
     """Share of the points in a gap of one spacing across the way that are told as high as its
-    edges; the others are told as dips, most of them shallow (`saltus.policy.walking.scan_errors`).
+    edges; the others are told as dips of any depth (`saltus.policy.walking.scan_errors`).
 
     The shipped scan of the whole image of a D435i on a Go2 that walks over stones: docs/walking.md.
     """

@@ -192,7 +192,7 @@ def _unnamed(problem: Problem, comparison: ModelComparison, null: ScoredFit) -> 
 
     What a signal shows in most segments alike may be noise that lasts, up to `LASTING`. What one
     cell alone shows, or one of several repeats of a motion, may be chance, up to `ALONE`. Counts of
-    a segment must tell as much as names an effect: two images that are lost of 38 are no riddle.
+    a segment must tell as much as names an effect: two lost images of 38 are no gap.
     """
     least = decide.REMAINDER_RMS * problem.samples_per_residual**0.5
     cells, structure = comparison.cells, null.structure

@@ -76,8 +76,9 @@ def stated_model(
     tried: list[StatedModel] = []
     for k, way in enumerate(ways):
         same = [one for one, other in zip(tried, ways[:k], strict=True) if _is_same(way, other)]
-        tied = _TiedModel(problem, comparison, chosen.fit, way)
-        tried.append(same[0] if same else tied.fitted(evaluate))
+        if not same:
+            same = [_TiedModel(problem, comparison, chosen.fit, way).fitted(evaluate)]
+        tried.append(same[0])
     least = decide.explained_share(comparison, model)
     lowest = min(comparison.cost(one.residuals) for one in tried)
     for one in tried:

@@ -130,8 +130,8 @@ CHANCE = 4.0
 """Structure of white noise in a cell of n rows scatters by 1/sqrt(n), in one of few rows, of which
 power alone tells, by sqrt(2/n). Four times as much is rare among 1000 cells."""
 RESIDUE = 1.5
-"""Mean structure of noise that is almost white, in units of 1/sqrt(n): values below 0 count as
-0."""
+"""Mean structure of noise that is almost white in cells of `FEW` rows or more, in units of
+1/sqrt(n): values below 0 count as 0."""
 FEW = 10
 """Rows of a cell below which neighbours say nothing, e.g. where a row is a count over a whole
 segment."""
@@ -215,7 +215,9 @@ class ResidualCells:
         return np.asarray(structure > np.maximum(least_rms**2, self._chance))
 
     def tells(self, structure: Floats, gain_nats: float) -> Mask:
-        """Cells of many rows, and those of few that have this gain [nats]; shape of `structure`."""
+        """True for cells of many rows, and for those of few whose structure is worth this gain
+        [nats]; shape of `structure`.
+        """
         return np.asarray((self.counts >= FEW) | (structure * self.counts >= 2.0 * gain_nats))
 
     @property
@@ -228,10 +230,12 @@ class ResidualCells:
         without what chance leaves; 1 if there was none.
 
         Cells count equally, however many rows they have: one lost image in ten is as much of a gap
-        as a bent floor.
+        as a bent floor. Of few rows chance may leave as much as would not show, but no larger part
+        of what was there than in a cell that hardly shows.
         """
         total = float(before[shows].sum())
-        residue = np.where(self.counts < FEW, self._chance, RESIDUE / np.sqrt(self.counts))
+        few = np.minimum(self._chance, RESIDUE / CHANCE * before)
+        residue = np.where(self.counts < FEW, few, RESIDUE / np.sqrt(self.counts))
         left = np.maximum(0.0, after - residue)
         return 1.0 - float(left[shows].sum()) / total if total > 0.0 else 1.0
 

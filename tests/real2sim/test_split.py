@@ -96,3 +96,5 @@ def test_what_chance_leaves_in_cells_of_few_rows_is_no_gap(rows: int) -> None:
     ]
     assert np.mean(np.array(shares) < 1.0) < 0.015
     assert cells.share_gone(np.full(20_000, 30.0), after + 15.0, after >= 0.0) < 0.8
+    just = np.full(20_000, 4.01 * np.sqrt(2.0 / rows))  # structure that just shows
+    assert cells.share_gone(just, 0.8 * just, just > 0.0) < 0.75
