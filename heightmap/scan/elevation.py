@@ -236,7 +236,7 @@ def _of_image(
 
 
 def _tilted(pose: OdometryPoses, tilt: Array) -> OdometryPoses:
-    """Pose, tilted back by what matching found [rad]."""
+    """The pose tilted back by what matching found [rad]."""
     x, y, z = (pose.rotation[:, row] for row in range(3))
     rows = [x, y, z - tilt[:, :1] * y + tilt[:, 1:] * x]
     return pose._replace(rotation=namespace(tilt).stack(rows, axis=1))
