@@ -68,8 +68,10 @@ class ScanScore:
 def usual_flights(trained: FlightSettings) -> FlightSettings:
     """Flights of the first row: D435i errors, 30 to 110 ms late, odometry off by 3 %."""
     return replace(
-        trained.usual_ranges(), families=EVALUATED, latency_s=(0.03, 0.11), rate_hz=(15.0, 40.0),
-        images=60,
+        trained, families=EVALUATED, odometry=(1.0, 1.0), latency_s=(0.03, 0.11),
+        rate_hz=(15.0, 40.0), images=60,
+        height_m=(0.15, 1.2), down_deg=(0.0, 60.0), fov_deg=(50.0, 100.0), pitch_deg=(8.0, 40.0),
+        errors=1.0, calibration=(1.0, 1.0),
     )  # fmt: skip
 
 

@@ -73,15 +73,7 @@ class FlightImage(NamedTuple):
 
 
 def draw_flight(robots: int, settings: FlightSettings, draws: SeededRandom) -> FlightDraws:
-    """Flights at their beginning; the first `settings.usual` of them are usual ones."""
-    flight = _drawn(robots, settings, draws)
-    if usual := round(settings.usual * robots):
-        rows = torch.arange(usual, device=draws.device)
-        redraw_robots(flight, rows, _drawn(usual, settings.usual_ranges(), draws))
-    return flight
-
-
-def _drawn(robots: int, settings: FlightSettings, draws: SeededRandom) -> FlightDraws:
+    """Flights at their beginning."""
     ground = draw_ground(robots, settings, draws)
     rate = draws.log_uniform(*settings.rate_hz, robots)
     latency = draws.uniform(*settings.latency_s, robots)

@@ -1,6 +1,6 @@
 """Settings of flights, network and training of the scan."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from saltus.config import TomlValue, check_between
 from saltus.errors import ConfigError, nearest_hint
@@ -82,8 +82,6 @@ class FlightSettings(TomlValue):
     """Errors of mounts and scales of cameras, in units of usual ones, drawn evenly."""
     odometry: tuple[float, float] = (0.0, 2.2)
     """Errors of the odometry, drawn evenly: 0 none, 1 usual (speed off by 3 %), 2 bad."""
-    usual: float = 0.0
-    """Share of flights whose mounts, views and errors are drawn from `usual_ranges`."""
 
     def __post_init__(self) -> None:
         for name, known in (("families", FAMILIES), ("gaits", GAITS)):
@@ -104,23 +102,13 @@ class FlightSettings(TomlValue):
             rolled=share, turned=share, pairs=share, fov_deg=(5.0, 150.0),
             pitch_deg=(0.0, 80.0), speed_mps=(0.0, 5.0), feet=share, velocity=share,
             errors=(0.0, 3.0), calibration=(0.0, 10.0),
-            odometry=(0.0, 10.0), usual=share,
+            odometry=(0.0, 10.0),
         )  # fmt: skip
 
     @property
     def raster(self) -> int:
         """Cells along each side of the ground of one robot."""
         return round(self.patch_m / self.raster_m)
-
-    def usual_ranges(self) -> "FlightSettings":
-        """The same with mounts, views and errors of a D435i on a robot whose odometry is 3 % off,
-        as the first row of the evaluation has them.
-        """
-        return replace(
-            self, odometry=(1.0, 1.0), height_m=(0.15, 1.2), down_deg=(0.0, 60.0),
-            fov_deg=(50.0, 100.0), pitch_deg=(8.0, 40.0), errors=1.0, calibration=(1.0, 1.0),
-            usual=0.0,
-        )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,9 +171,6 @@ class ScanTrainSettings(TomlValue):
     tenth, 0.14 times (seed 31, root mean squares)."""
     weight_decay: float = 1e-4
     gradient_norm: float = 1.0
-    unseen: float = 0.5
-    """Weight of a cell that was never measured, nor any beside it: those are judged as seen, within
-    3 cm of a hit."""
     average: float = 0.998
     """Share that an update leaves of the average of weights that is kept as the network."""
     seed: int = 0
@@ -194,5 +179,5 @@ class ScanTrainSettings(TomlValue):
         check_between(
             self, batch=(1, 65_536), round=(1, 1_000_000), learning_rate=(0.0, 1.0),
             blocks_rate=(0.0, 10.0), weight_decay=(0.0, 1.0),
-            gradient_norm=(1e-3, 1e6), unseen=(0.0, 1.0), average=(0.0, 1.0), seed=(0, 2**31),
+            gradient_norm=(1e-3, 1e6), average=(0.0, 1.0), seed=(0, 2**31),
         )  # fmt: skip

@@ -20,6 +20,7 @@ from saltus.heightmap.scan.elevation import (
     new_map,
 )
 from saltus.heightmap.scan.network_inputs import MEASURED, MapHeights, remember_told
+from saltus.heightmap.scan.settings import MapSettings
 from saltus.heightmap.scan.training.cuda_graph import CudaGraph
 from saltus.heightmap.scan.training.examples import UpdateCalls, next_example
 from saltus.heightmap.scan.training.files import (
@@ -45,6 +46,9 @@ WARM_UP = 0.03
 """Share of a training in which its rate grows."""
 NEAR_M = 1.0
 """Cells that are farther than this from the base count half."""
+UNSEEN = 0.5
+"""Weight of a cell that was never measured, nor any beside it: those are judged as seen, within 3
+cm of a hit."""
 
 
 class ScanTrainer:
@@ -164,7 +168,7 @@ class ScanTrainer:
             known = inputs.measured[:, MEASURED.index("known")]
             # Within 3 cm of a hit: the points that the evaluation calls seen
             seen_cells = functional.max_pool2d(known[:, None], 3, 1, 1)[:, 0] > 0.0
-            weight = _weight(state, seen_cells, around, settings)
+            weight = _weight(state, seen_cells, around, settings.map)
         on_gpu = self.device.type == "cuda"
         with torch.autocast(self.device.type, torch.bfloat16, enabled=on_gpu, cache_enabled=False):
             height, half_width, spread = self._calls.model(*inputs, truth - around.filled)
@@ -331,12 +335,12 @@ def _schedule(share: float) -> float:
 
 
 def _weight(
-    state: ElevationMap, seen_cells: Tensor, around: MapContext, settings: ScanTrainSettings
+    state: ElevationMap, seen_cells: Tensor, around: MapContext, settings: MapSettings
 ) -> Tensor:
-    x, y = cell_centres(state.corner, settings.map, around.base)
+    x, y = cell_centres(state.corner, settings, around.base)
     away = (x - around.base[:, :1, None]) ** 2 + (y - around.base[:, 1:2, None]) ** 2
     near = torch.where(away < NEAR_M**2, 1.0, 0.5)
-    return near * torch.where(seen_cells, 1.0, settings.unseen)
+    return near * torch.where(seen_cells, 1.0, UNSEEN)
 
 
 def _figures(

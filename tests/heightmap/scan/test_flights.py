@@ -2,8 +2,6 @@
 and images without errors give the true map.
 """
 
-from dataclasses import replace
-
 import pytest
 import torch
 from small_flights import EXACT, SMALL
@@ -176,15 +174,6 @@ def test_a_seed_gives_the_same_ground_and_images():
     assert not torch.equal(
         draw_ground(3, SMALL, SeededRandom(8, device)).height, flight.ground.height
     )
-
-
-@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
-def test_a_share_of_the_flights_is_usual(share, draws):
-    settings = replace(SMALL, odometry=(1.5, 2.0), calibration=(1.5, 2.0), usual=share)
-    flight = draw_flight(4, settings, draws)
-    usual = torch.arange(4) < 4 * share
-    assert torch.equal(flight.odometry.scale == 1.0, usual)
-    assert torch.equal(flight.cameras.unknown == 1.0, usual)
 
 
 def test_redrawing_some_robots_leaves_the_others(fly, draws):
