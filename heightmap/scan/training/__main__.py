@@ -15,6 +15,7 @@ from saltus.errors import SaltusError, nearest_hint
 from saltus.gpu import has_gpu
 from saltus.heightmap.scan.training.card import scan_card
 from saltus.heightmap.scan.training.evaluation import (
+    EVAL_SEED,
     evaluate_scan,
     evaluation_rows,
     table_of,
@@ -59,6 +60,9 @@ def main() -> int:
     )
     parser.add_argument(
         "--rows", help="rows of the evaluation, with commas between them, in place of all"
+    )
+    parser.add_argument(
+        "--flight-seed", type=int, default=EVAL_SEED, help="of the evaluation's flights"
     )
     parser.add_argument("--device", default="cuda" if has_gpu() else "cpu")
     parser.add_argument(
@@ -110,8 +114,9 @@ def _run(given: argparse.Namespace) -> int:
     if given.robots:
         rows = _rows(settings, given.rows)
         results = evaluate_scan(
-            model.to(device), settings, robots=given.robots, device=device, rows=rows
-        )
+            model.to(device), settings, robots=given.robots, device=device, rows=rows,
+            seed=given.flight_seed,
+        )  # fmt: skip
         write_results(results, given.out / "scan.json")
         text = scan_card(
             ModelFile(given.out / "scan.onnx").model_id,

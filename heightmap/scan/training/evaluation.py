@@ -164,14 +164,18 @@ def evaluate_scan(
     model: ScanModel | None, settings: ScanTrainSettings, *, robots: int, device: torch.device,
     batch: int = 128,
     rows: dict[str, FlightSettings] | None = None, rivals: dict[str, MapSettings] | None = None,
+    seed: int = EVAL_SEED,
 ) -> list[ScanScore]:  # fmt: skip
-    """Scores of the network, if any, and of its rivals on the same images, odometry and feet."""
+    """Scores of the network, if any, and of its rivals on the same images, odometry and feet.
+
+    Batches of flights follow from `seed` plus the number of flights before them.
+    """
     rivals = rivals or rivals_of(settings.map)
     scores: list[ScanScore] = []
     for row, flights in (rows or evaluation_rows(settings.flight)).items():
         tallies: dict[tuple[str, str], _Tally] = {}
         for start in range(0, robots, batch):
-            draws = SeededRandom(EVAL_SEED + start, device)
+            draws = SeededRandom(seed + start, device)
             with torch.no_grad():
                 _fly(
                     model, settings.map, rivals, flights, min(batch, robots - start), draws, tallies

@@ -274,6 +274,15 @@ def test_every_method_is_scored_on_every_group(small, tmp_path, frame):
     assert f"| network | {every['scan', 'network', 'all'].error_mm:.1f}, " in text
 
 
+def test_an_evaluation_follows_from_its_seed(small):
+    rows = {"usual": replace(small.flight, rate_hz=(15.0, 20.0), images=24)}
+    one, again, other = (
+        evaluate_scan(None, small, robots=2, device=CPU, rows=rows, seed=seed) for seed in (5, 5, 6)
+    )
+    assert repr(one) == repr(again)
+    assert repr(one) != repr(other)
+
+
 def test_a_network_that_sees_single_images_has_no_memory():
     with pytest.raises(ConfigError, match=r"frame.*memory"):
         NetworkSettings(frame=True)
