@@ -53,7 +53,7 @@ class TerrainConfig:
     terrain: str = "stairs"
     """flat, stairs, stepping_stones, step, gap, stairs_down, step_down, pyramid, irregular
     (stairs), hurdles, ditch, ramp_up, ramp_down, house, quarry, yard, plain, rubble, stones,
-    flight, a family of your own, or a TOML file with boxes or segments."""
+    flight, edges, a family of your own, or a TOML file with boxes or segments."""
     difficulty: float | None = None
     """0 (easiest) to 1: sets the sizes that are not given."""
     steps: int | None = None

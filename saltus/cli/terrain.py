@@ -24,7 +24,7 @@ class TerrainCommand(JsonOption):
     """The command to run."""
     terrain: tyro.conf.Positional[str]
     """A family, a course that Saltus ships (house, quarry, yard, plain, rubble, stones,
-    flight), or a TOML file with boxes or segments."""
+    flight, edges), or a TOML file with boxes or segments."""
     difficulty: Annotated[float | None, flag_help("FLOAT", "its default sizes, or drawn ones")] = (
         None
     )
