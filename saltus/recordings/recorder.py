@@ -126,9 +126,10 @@ class Recorder:
                 self._add(derived.topic, derived.type_name, envelope, arrival_ns, derived.payload)
 
     def write_all(self, stream: MessageStream) -> None:
-        """Records what has come since the last call."""
-        for raw in stream.drain():
-            self.write(raw)
+        """Records what has come since the last call; who is interrupted loses nothing of it."""
+        with WHOLE:
+            for raw in stream.drain():
+                self.write(raw)
         self.missed = stream.overflowed
 
     def flush(self) -> None:

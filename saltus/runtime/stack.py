@@ -299,14 +299,15 @@ class Stack:
 
     def _drain(self) -> None:
         self._heard_until_s = self._clock.elapsed_s()
-        samples = self._stream.drain()
-        self._sharer.take(samples)
-        for raw in samples:
-            self._events_seen += raw.key == f"event/{SUPERVISOR}"
-            self._note_life(raw)
-            self._obey(raw)
-        self._judge_real_time()
-        self._recorder.take(samples)
+        with WHOLE:  # who is interrupted loses no message between stream and recording
+            samples = self._stream.drain()
+            self._sharer.take(samples)
+            for raw in samples:
+                self._events_seen += raw.key == f"event/{SUPERVISOR}"
+                self._note_life(raw)
+                self._obey(raw)
+            self._judge_real_time()
+            self._recorder.take(samples)
 
     def _judge_real_time(self) -> None:
         """Says once that the run does not keep up.

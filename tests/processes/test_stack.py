@@ -6,7 +6,7 @@ import subprocess
 import sys
 import textwrap
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +19,14 @@ from saltus.errors import RecordingError, StackError
 from saltus.interrupts import WHOLE
 from saltus.recordings.recorder import Recorder
 from saltus.recordings.recording import read_recording
+from saltus.recordings.timing import rates_and_ages
 from saltus.runtime import run_recorder
 from saltus.runtime import stack as module
 from saltus.runtime.programs import PROGRAMS, Program
+from saltus.runtime.run_recorder import RunRecorder
 from saltus.runtime.stack import Stack
-from saltus.wire.messages import Event
+from saltus.wire.bus import RawSample
+from saltus.wire.messages import Event, RobotState
 
 PROCESSES = Path(__file__).resolve().parents[1] / "processes"
 CONSUMER = Program(name="consumer", module="consumer", restart=True, spare=True)
@@ -239,6 +242,31 @@ def test_who_is_interrupted_while_a_recording_begins_has_one_that_ends(
     ):
         pass
     assert read_recording(tmp_path / "recording.mcap").complete
+
+
+def test_who_is_interrupted_while_messages_are_taken_has_all_of_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    taken = 0
+
+    def take(self: RunRecorder, samples: Sequence[RawSample]) -> None:
+        nonlocal taken
+        taken += sum(sample.key == "controller/state" for sample in samples)
+        if taken > 20:
+            taken = -1_000_000  # once
+            WHOLE.interrupt(KeyboardInterrupt())
+        usual(self, samples)
+
+    usual = RunRecorder.take
+    monkeypatch.setattr(RunRecorder, "take", take)
+    with (
+        pytest.raises(KeyboardInterrupt),
+        Stack(run_config(), tmp_path / "run", (CONSUMER, STATES)) as stack,
+    ):
+        stack.wait()
+    recording = read_recording(tmp_path / "run" / "recording.mcap")
+    assert len(recording.of(RobotState)) > 20
+    assert {row.lost for row in rates_and_ages(recording).values()} == {0}
 
 
 def test_processes_do_not_outlive_a_killed_supervisor(tmp_path: Path) -> None:

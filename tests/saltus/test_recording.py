@@ -7,8 +7,8 @@ import struct
 import time
 import tracemalloc
 from collections import Counter
-from collections.abc import Iterable, Iterator
-from contextlib import closing
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
@@ -42,7 +42,7 @@ from saltus.recordings.recording import Recording, read_recording
 from saltus.recordings.summary import run_sentence, summarise_run
 from saltus.recordings.timing import rates_and_ages, run_digest
 from saltus.wire import cdr, codec, messages
-from saltus.wire.bus import RawSample
+from saltus.wire.bus import MessageStream, RawSample
 from saltus.wire.codec import Envelope
 from saltus.wire.schemas import TYPE_NAME
 from saltus.wire.topics import TOPICS
@@ -336,9 +336,13 @@ def test_losses_are_counted_from_the_sequence(tmp_path: Path) -> None:
     assert f"; the recording lacks {timing.lost} messages" in run_sentence(summarise_run(recording))
 
 
-def test_signals_tear_no_message_of_a_recording(tmp_path: Path) -> None:
-    """They come anywhere between two steps of Python, some thousand times a second."""
-    armed, interrupted = False, 0
+@contextmanager
+def interrupted_often() -> Iterator[Callable[[bool], None]]:
+    """Signals anywhere between two steps of Python, some thousand times a second.
+
+    The first of them after what it gives was called with true, and not yet with false, interrupts.
+    """
+    armed = False
 
     def handle(*_: object) -> None:
         nonlocal armed
@@ -346,29 +350,63 @@ def test_signals_tear_no_message_of_a_recording(tmp_path: Path) -> None:
             armed = False
             WHOLE.interrupt(KeyboardInterrupt())
 
-    config = RunConfig(
-        robot="go1", grid="line", pace="lockstep", terrain=TerrainConfig(terrain="gap")
-    )
-    samples = list(run_samples(20 * STEPS))
+    def arm(value: bool) -> None:
+        nonlocal armed
+        armed = value
+
     before = signal.signal(signal.SIGALRM, handle)
     # Python swallows what is raised in a callback of its collector, and Hypothesis leaves one there
     gc.disable()
+    signal.setitimer(signal.ITIMER_REAL, 2e-4, 2e-4)
     try:
-        with Recorder(tmp_path / "run.mcap", config, setup_of(TERRAIN)) as file:
-            signal.setitimer(signal.ITIMER_REAL, 2e-4, 2e-4)
-            for sample in samples:
-                try:
-                    armed = True
-                    file.write(sample)
-                    armed = False
-                except KeyboardInterrupt:
-                    interrupted += 1
+        yield arm
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
         gc.enable()
+
+
+def test_signals_tear_no_message_of_a_recording(tmp_path: Path) -> None:
+    interrupted = 0
+    samples = list(run_samples(20 * STEPS))
+    with recorder_of(tmp_path) as file, interrupted_often() as arm:
+        for sample in samples:
+            try:
+                arm(True)
+                file.write(sample)
+                arm(False)
+            except KeyboardInterrupt:
+                interrupted += 1
     assert interrupted > 50
-    recording = read_recording(tmp_path / "run.mcap")
+    assert len(samples) - interrupted <= messages_of(tmp_path) <= len(samples)
+
+
+def test_signals_lose_no_message_of_a_stream(tmp_path: Path) -> None:
+    interrupted = 0
+    samples, stream = list(run_samples(20 * STEPS)), MessageStream()
+    with recorder_of(tmp_path) as file, interrupted_often() as arm:
+        for first in range(0, len(samples), 5):
+            for sample in samples[first : first + 5]:
+                stream.push(sample)
+            try:
+                arm(True)
+                file.write_all(stream)
+                arm(False)
+            except KeyboardInterrupt:
+                interrupted += 1
+        file.write_all(stream)
+    assert interrupted > 50
+    assert messages_of(tmp_path) == len(samples)
+
+
+def recorder_of(folder: Path) -> Recorder:
+    config = RunConfig(
+        robot="go1", grid="line", pace="lockstep", terrain=TerrainConfig(terrain="gap")
+    )
+    return Recorder(folder / "run.mcap", config, setup_of(TERRAIN))
+
+
+def messages_of(folder: Path) -> int:
+    recording = read_recording(folder / "run.mcap")
     assert recording.complete
-    read = sum(1 for topic in TOPICS for _ in recording.messages(topic))
-    assert len(samples) - interrupted <= read <= len(samples)
+    return sum(1 for topic in TOPICS for _ in recording.messages(topic))
