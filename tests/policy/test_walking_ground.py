@@ -7,7 +7,9 @@ import pytest
 import torch
 from numpy_and_torch import both
 
+from saltus.config import load_config
 from saltus.grid import SCAN
+from saltus.policy.evaluation.walking_grounds import GROUNDS
 from saltus.policy.walking.course_field import (
     DROP_M,
     EDGE_M,
@@ -23,6 +25,8 @@ from saltus.policy.walking.settings import (
     ScanErrorSettings,
 )
 from saltus.terrain.boxes import Boxes
+from saltus.terrain.course import FOLDER, Course
+from saltus.terrain.course_segments import Hurdles, RandomSizes, Stairs
 
 
 def test_the_nearest_boxes_are_the_ground_below_a_robot_and_nearly_all_that_the_scan_sees():
@@ -207,3 +211,20 @@ def test_images_arrive_at_their_rate(rate):
         phase, arrives = scan.arrives(phase)
         count += int(arrives[0])
     assert abs(count - 10.0 * rate) <= 1
+
+
+def test_half_of_the_hardest_walls_at_a_rim_are_about_as_high_as_those_of_trials() -> None:
+    """Where they ended at the height of trials, no robot learned to cross those."""
+    course = load_config(Course, FOLDER / "edges.toml")
+    draws = RandomSizes(np.random.default_rng(0), GroundSettings().hardest)
+    wall = next(each for each in GROUNDS["hurdles"] if isinstance(each, Hurdles)).height
+    step = next(each for each in GROUNDS["stairs"] if isinstance(each, Stairs)).rise
+    walls = [each.height for each in course.segments if isinstance(each, Hurdles)]
+    steps = [each.rise for each in course.segments if isinstance(each, Stairs)]
+    assert walls
+    assert steps
+    for asked, given in ((wall, walls), (step, steps)):
+        for size in given:
+            drawn = np.abs([draws.size(size) for _ in range(1000)])
+            assert np.median(drawn) > abs(draws.size(asked)) - 0.02
+            assert np.mean(drawn > abs(draws.size(asked))) > 0.25
