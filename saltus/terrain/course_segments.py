@@ -154,13 +154,13 @@ class Ramp(CourseSegment):
 @dataclass(frozen=True, kw_only=True)
 class Stones(CourseSegment):
     """Stones of a grid over a trench: each moved and turned within its cell,
-    of its own size and height.
+    of its own size and height. Cells of whole rows fill the length.
     """
 
     kind = "stones"
     length: SizeOrRange = 3.0
     pitch: SizeOrRange = 0.45
-    """Side of a cell."""
+    """Side of a cell; along the way it is stretched or shrunk until rows fill the length."""
     share: SizeOrRange = 0.75
     """Side of the largest stone, by that of its cell."""
     missing: float = 0.1
@@ -178,16 +178,17 @@ class Stones(CourseSegment):
         )
         uneven, depth = draws.size(self.uneven), draws.size(self.depth)
         way.block((0.0, length), -depth)
-        rows, columns = (max(1, int(side / pitch)) for side in (length, way.width))
+        rows, columns = max(1, round(length / pitch)), max(1, int(way.width / pitch))
+        cell = np.array([length / rows, pitch])
         for i, j in np.ndindex(rows, columns):
-            side = share * pitch * (1.0 - SHRINKS * draws.rng.uniform(size=2))
-            moved = (pitch - side) * draws.rng.uniform(-0.5, 0.5, 2)
+            side = share * cell * (1.0 - SHRINKS * draws.rng.uniform(size=2))
+            moved = (cell - side) * draws.rng.uniform(-0.5, 0.5, 2)
             yaw, top = (
                 draws.rng.uniform(-STONE_YAW_RAD, STONE_YAW_RAD),
                 draws.rng.uniform(-uneven, uneven),
             )
             if draws.rng.uniform() >= self.missing:
-                middle = (i + 0.5) * pitch + moved[0], (j + 0.5 - 0.5 * columns) * pitch + moved[1]
+                middle = (i + 0.5) * cell[0] + moved[0], (j + 0.5 - 0.5 * columns) * pitch + moved[1]
                 way.thing(middle, (side[0], side[1]), top, depth + top + uneven, yaw=yaw)
         way.go(length)
 

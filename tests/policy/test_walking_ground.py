@@ -1,6 +1,7 @@
 """Laws of the ground of walking trainings, and of the heights that it is told with."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -26,7 +27,7 @@ from saltus.policy.walking.settings import (
 )
 from saltus.terrain.boxes import Boxes
 from saltus.terrain.course import FOLDER, Course
-from saltus.terrain.course_segments import Hurdles, RandomSizes, Stairs
+from saltus.terrain.course_segments import Hurdles, Level, RandomSizes, Stairs, Stones
 
 
 def test_the_nearest_boxes_are_the_ground_below_a_robot_and_nearly_all_that_the_scan_sees():
@@ -228,3 +229,40 @@ def test_half_of_the_hardest_walls_at_a_rim_are_about_as_high_as_those_of_trials
             drawn = np.abs([draws.size(size) for _ in range(1000)])
             assert np.median(drawn) > abs(draws.size(asked)) - 0.02
             assert np.mean(drawn > abs(draws.size(asked))) > 0.25
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_stones_are_no_farther_from_the_end_of_their_part_than_from_its_rim(seed: int) -> None:
+    """A last gap as wide as a cell was wider than any robot steps."""
+    rng = np.random.default_rng(seed)
+    pitch = rng.uniform(0.3, 0.6)
+    length = pitch * rng.uniform(3.0, 9.0)
+    stones = Stones(length=length, pitch=pitch, share=1.0, missing=0.0, uneven=0.0)
+    course = Course(kind="one", segments=(stones, Level(length=1.0)), width=2.0, floor_m=0.01)
+    boxes = course.terrain(RandomSizes(rng)).boxes
+    middles = [0.5 * (box.low[0] + box.high[0]) for box in boxes if box.yaw]
+    level = [box for box in boxes if not box.yaw and box.high[2] == pytest.approx(0.0, abs=0.02)]
+    rim = min(box.high[0] for box in level)
+    assert min(box.low[0] for box in level if box.low[0] > rim) == pytest.approx(rim + length)
+    for nearest in (min(middles) - rim, rim + length - max(middles)):
+        assert 0.0 < nearest < 0.8 * pitch
+
+
+def test_robots_of_trainings_come_to_stones_again_and_again_as_hard_as_those_of_trials() -> None:
+    """Most falls are at the first rows: where all stones are in one part, there is one such place
+    in an episode.
+    """
+    course = load_config(Course, FOLDER / "stones.toml")
+    draws = RandomSizes(np.random.default_rng(0), GroundSettings().hardest)
+    asked = next(each for each in GROUNDS["stones"] if isinstance(each, Stones))
+    parts = [each for each in course.segments if isinstance(each, Stones)]
+    before = [a for a, b in pairwise(course.segments) if isinstance(b, Stones)]
+    assert len(parts) >= 3
+    assert all(isinstance(each, Level) for each in before)
+    for part in parts:
+        for given, wanted, sign in (
+            (part.share, asked.share, -1.0), (part.uneven, asked.uneven, 1.0),
+            (part.depth, asked.depth, 1.0),
+        ):  # fmt: skip
+            drawn = sign * np.array([draws.size(given) for _ in range(1000)])
+            assert np.mean(drawn >= sign * draws.size(wanted) - 0.01) > 0.4
