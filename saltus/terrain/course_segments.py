@@ -188,7 +188,10 @@ class Stones(CourseSegment):
                 draws.rng.uniform(-uneven, uneven),
             )
             if draws.rng.uniform() >= self.missing:
-                middle = (i + 0.5) * cell[0] + moved[0], (j + 0.5 - 0.5 * columns) * pitch + moved[1]
+                middle = (
+                    (i + 0.5) * cell[0] + moved[0],
+                    (j + 0.5 - 0.5 * columns) * pitch + moved[1],
+                )
                 way.thing(middle, (side[0], side[1]), top, depth + top + uneven, yaw=yaw)
         way.go(length)
 
