@@ -25,14 +25,10 @@ from saltus.render.stereo.camera import StereoConfig
 from saltus.robots.mount import Mount
 from saltus.robots.robot import Robot
 from saltus.rotations import rotation_matrix
+from saltus.states import is_still
 from saltus.wire.messages import ControllerMode, DepthFrame, RobotState
 
 STANDING = (ControllerMode.STAND, ControllerMode.STOPPED)
-STILL_MPS, STILL_RAD_S = 0.05, 0.1
-"""Slower than this a robot stands whose feet nobody knows of.
-
-Noise of odometry is less, any gait is faster.
-"""
 FEWEST_FRAMES, MOST_FRAMES = 10, 60
 """0.2 s of a D435i, in which its noise becomes other noise seven times.
 
@@ -147,8 +143,7 @@ def stands_on_all_feet(state: RobotState) -> bool:
     """
     if any(state.leg_trusted):
         return all(state.leg_trusted) and state.mode in STANDING
-    turning = float(np.linalg.norm(state.angular_velocity_base))
-    return float(np.linalg.norm(state.velocity_base_in_world)) < STILL_MPS and turning < STILL_RAD_S
+    return is_still(state.velocity_base_in_world, state.angular_velocity_base)
 
 
 def fit_place(

@@ -17,6 +17,12 @@ from saltus.constants import GRAVITY, POLICY_DT
 from saltus.robots.robot import Robot
 from saltus.wire.messages import ControllerMode, RobotState
 
+STILL_MPS, STILL_RAD_S = 0.05, 0.1
+"""Slower than this a robot stands still of which nobody knows what it is told to do.
+
+Noise of odometry is less, any gait is faster.
+"""
+
 
 class SensorReadings(Protocol):
     """Readings of IMU and encoders."""
@@ -190,6 +196,17 @@ def robot_state_message(
         mode=mode,
         depth_due=depth_due,
     )
+
+
+def is_still(velocity: Vectors, angular_velocity: Vectors) -> bool:
+    """True where the base of one robot rests.
+
+    Args:
+        velocity: Of the base, in any frame [m/s], shape (3,).
+        angular_velocity: The same, turning [rad/s].
+    """
+    turning = float(np.linalg.norm(angular_velocity))
+    return float(np.linalg.norm(velocity)) < STILL_MPS and turning < STILL_RAD_S
 
 
 def standing_state(robot: Robot) -> RobotState:

@@ -9,7 +9,7 @@ from saltus.controller.robot.unitree.messages import UnitreeMessage
 from saltus.controller.robot.unitree.states import TICK_MS, StateWatch
 from saltus.controller.standing_feet import StandingFeet
 from saltus.robots.robot import Robot
-from saltus.states import ProprioceptionArrays, robot_state_message
+from saltus.states import ProprioceptionArrays, is_still, robot_state_message
 from saltus.wire.messages import ControllerMode, RobotState
 
 STATE_MS = 10
@@ -24,7 +24,8 @@ OFF_UNIT = 0.01
 class StateObserver:
     """Estimates the velocity of a robot, and which of its feet stand, from the states that it says.
 
-    The estimator is that of the leg controller. What the robot is told to do is not known.
+    The estimator is that of the leg controller. What the robot is told to do is not known: its mode
+    is STAND while all feet stand and the base rests, else RUN.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -59,9 +60,11 @@ class StateObserver:
         """The newest state; its time in the run's clock is when it came."""
         assert self._reading is not None  # noqa: S101 - `take` has said that one is due
         measured, self._steps = self._reading.measurement, self._steps + 1
+        velocity = self._estimate.velocity_base_in_world
+        stands = self._trusted.all() and is_still(velocity, measured.angular_velocity_base)
         states = ProprioceptionArrays(
             **vars(measured),
-            velocity_base_in_world=self._estimate.velocity_base_in_world,
+            velocity_base_in_world=velocity,
             base_height=self._estimate.base_height,
             leg_contact=self._trusted,
             leg_progress=np.full(4, 0.5),
@@ -69,7 +72,8 @@ class StateObserver:
             cycle=np.zeros(()),
         )
         return robot_state_message(
-            states, time_ns=time_ns, step=self._steps - 1, mode=ControllerMode.RUN,
+            states, time_ns=time_ns, step=self._steps - 1,
+            mode=ControllerMode.STAND if stands else ControllerMode.RUN,
             joint_torque=self._reading.joint_torque,
         )  # fmt: skip
 

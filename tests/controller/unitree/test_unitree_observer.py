@@ -14,15 +14,18 @@ from saltus.controller.robot.unitree.messages import LOW_STATE
 from saltus.controller.robot.unitree.observer import LONGEST_MS, StateObserver
 from saltus.controller.robot.unitree.truth import read_truth
 from saltus.named_setup import named_setup
+from saltus.render.calibrate import stands_on_all_feet
 from saltus.runtime.run_folder import CLIENT_FILE, write_run
 from saltus.wire.joining import write_client
-from saltus.wire.messages import RobotState
+from saltus.wire.messages import ControllerMode, RobotState
 from saltus.wire.router import open_router
 from saltus.wire.zenoh_bus import ZenohBus
 
 PATIENCE_S = 60.0
 BOUNDS_S, ENDS_S = 4.0, 7.0
 """From when on a robot that rises, stands and bounds is judged, and until when."""
+RISEN_S, STANDS_UNTIL_S = 0.6, 2.9
+"""When the robot stands, before it bounds."""
 TICK_S = 0.002
 
 
@@ -68,6 +71,17 @@ def test_it_knows_how_a_robot_moves_that_bounds(bounded, share: float) -> None:
     touches = np.array([truth[row]["foot_force"] > 0.0 for row in rows])[is_judged]
     assert touches[trusted].mean() > 0.9
     assert trusted.any(axis=1).mean() > 0.3
+
+
+def test_it_tells_that_a_robot_stands_which_a_calibration_asks_for(bounded) -> None:
+    """Recordings of robots that others move had no image of a standing one: all were RUN."""
+    said, _ = bounded
+    told, rows = observed(said, np.zeros(len(said), np.bool_))
+    times = np.array(rows) * TICK_S
+    stands = np.array([stands_on_all_feet(state) for state in told])
+    assert stands[(times > RISEN_S) & (times < STANDS_UNTIL_S)].all()
+    assert not stands[times > BOUNDS_S].any()
+    assert {state.mode for state in told} == {ControllerMode.STAND, ControllerMode.RUN}
 
 
 def test_after_a_silence_it_begins_anew_also_with_a_clock_that_does(bounded) -> None:
