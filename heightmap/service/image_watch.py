@@ -44,13 +44,19 @@ class ImageWatch:
     """Judges the images of one camera: duplicates, older ones,
     and ones from the future or too long ago are no news.
 
+    Args:
+        depth: Topic of the images: how old they may be.
+        moved: True where heights go on with the robot by odometry from where an image was taken.
+            Then an image that came in time holds until the next one is missing; else only until it
+            is too old itself.
+
     Attributes:
         newest: The newest image that was news; None before the first.
         view: The newest that is in use: `newest`, unless hardly a pixel of it is valid.
     """
 
-    def __init__(self, depth: Topic = DEPTH) -> None:
-        self._depth = depth
+    def __init__(self, depth: Topic = DEPTH, *, moved: bool = False) -> None:
+        self._depth, self._moved = depth, moved
         self._loss = FrameLoss()
         self._started_ns: int | None = None
         self.newest: ArrivedImage | None = None
@@ -112,7 +118,8 @@ class ImageWatch:
             )
         age_s = (max(now_ns, state_ns) - view.time_ns) * 1e-9
         silent_s = (now_ns - view.arrival_ns) * 1e-9
-        if age_s > self._depth.invalid_age_s or silent_s > extra - LOSS_MARGIN_S:
+        is_old = age_s > self._depth.invalid_age_s and not self._moved
+        if is_old or silent_s > extra - LOSS_MARGIN_S:
             return HeightmapStatus.INVALID
         if not warm:
             return HeightmapStatus.WARMING

@@ -159,7 +159,7 @@ class ScanService:
 
     def reset(self) -> None:
         """Forgets everything: for a robot that has started anew."""
-        self._watches = {name: ImageWatch(self._depth) for name in self._rig.cameras}
+        self._watches = {name: ImageWatch(self._depth, moved=True) for name in self._rig.cameras}
         self._trail = OdometryTrail()
         self._rolling = None if self._rig.robot is None else RollingFeet(self._rig.robot)
         self._waiting: dict[str, _Shown] = {}

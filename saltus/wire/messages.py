@@ -38,7 +38,8 @@ class HeightmapStatus(IntEnum):
     """The image is 50 ms older than nominal, too many pixels or images are missing, or the output
     is frozen."""
     INVALID = 3
-    """The image is 100 ms older than nominal, or the output is not plausible."""
+    """The image is 100 ms older than nominal (for a scan: was when it came), or the output is not
+    plausible."""
 
 
 class PlanStatus(IntEnum):

@@ -20,7 +20,13 @@ from saltus.heightmap.scan.elevation import MapUpdate
 from saltus.heightmap.scan.own_body import NoBody
 from saltus.heightmap.scan.predictor import ScanNetwork, ScanPredictor
 from saltus.heightmap.scan.scan_camera import ScanCamera
-from saltus.heightmap.service.scan import FIRST, LEGS_ODOMETRY_ERROR, ScanRig, ScanService
+from saltus.heightmap.service.scan import (
+    FIRST,
+    LEGS_ODOMETRY_ERROR,
+    WARM_IMAGES,
+    ScanRig,
+    ScanService,
+)
 from saltus.loop.shadows import deepen_shadows
 from saltus.robots.legs import LegKinematics
 from saltus.robots.mount import Mount
@@ -264,6 +270,27 @@ def test_images_too_late_or_from_the_future_are_not_used(
     assert answer.status == HeightmapStatus.INVALID
     assert answer.seen_share == 0.0
     assert np.isfinite(answer.height).all()
+
+
+@pytest.mark.parametrize("every", [2, 3, 5])
+@pytest.mark.parametrize("late", [6, 12, 15, 16])
+@pytest.mark.parametrize("world", WORLDS)
+def test_images_that_come_in_time_hold_until_the_next_one(
+    network: ScanNetwork, world: PlaneWorld, late: int, every: int
+) -> None:
+    """20 to 50 images a second, 60 to 160 ms late."""
+    service, answers = ScanService(network, rig(DOWN)), list[Heightmap]()
+    for step in range(100):
+        state, frames = world.state(step, ROBOT), {}
+        if step >= late and step % every == 0:
+            taken_ns = state.time_ns - late * STEP_NS
+            frames[FIRST] = world.frame(DOWN, taken_ns, step // every)
+        answers.append(service.step(state, frames, state.time_ns))
+    warm = answers[late + (WARM_IMAGES + 1) * every :]
+    assert len(warm) > 20
+    assert {a.status for a in warm} <= {HeightmapStatus.OK, HeightmapStatus.DEGRADED}
+    assert all(a.status == HeightmapStatus.DEGRADED for a in warm if a.depth_age_s > 0.1201)
+    assert errors(warm[-1], world, SCAN).mean() < OFF_M
 
 
 def test_images_that_end_are_told(network: ScanNetwork) -> None:
