@@ -67,7 +67,8 @@ class ScanHeights:
         self._camera = setups[0].camera
         self._lens = rendered_intrinsics(self._camera, whole=True)
         rig = ScanChoice(grid=setups[0].grid, shadows=shadows).rig(setups[0].robot, self._camera)
-        self._services = [ScanService(network, rig) for _ in setups]
+        depths = [setup.profile.depth_topic for setup in setups]
+        self._services = [ScanService(network, rig, depth) for depth in depths]
         self._answers: list[Heightmap] = []
         self._half_width = np.zeros((len(setups), setups[0].grid.size))
         self._now_s = 0.0

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 from saltus.trial import Trial
+from saltus.wire.topics import CAMERA_LATENCY_S
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,11 +19,15 @@ class WalkConditions:
     camera_late_s: float | None = None
     """From exposure to arrival of images, in place of the drawn time [s]."""
 
-    def trial(self, seed: int) -> Trial:
-        """The trial of a seed under them."""
+    def trial(self, seed: int, usual_s: float = CAMERA_LATENCY_S) -> Trial:
+        """The trial of a seed under them.
+
+        `usual_s` is the time that images of the robot's camera usually take [s]: a trial moves it.
+        """
         trial = Trial.draw(seed)
         if self.friction is not None:
             trial = replace(trial, friction=self.friction)
         if self.camera_late_s is not None:
-            trial = replace(trial, camera_delay_s=self.camera_late_s)
+            moved_s = CAMERA_LATENCY_S - usual_s
+            trial = replace(trial, camera_delay_s=self.camera_late_s + moved_s)
         return trial

@@ -7,7 +7,7 @@ the robot is, as somebody with a gamepad does.
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -57,6 +57,7 @@ from saltus.policy.planner import jumping_grid, jumping_planner
 from saltus.setup import Setup
 from saltus.sim.plant_state import PlantState
 from saltus.terrain.terrain import Terrain
+from saltus.trial import Trial
 from saltus.workers import WorkerListener, in_order, tell_progress
 
 SEEDS_AT_A_TIME = 5
@@ -79,10 +80,10 @@ class WalkTrials:
 
     def setup(self, terrain: Terrain, seed: int) -> Setup:
         """The robot of a trial."""
-        trials = [self.conditions.trial(seed)]
-        return named_setups(
-            self.robot, self.grid, self.camera, self.profile, [terrain], trials
-        )[0]  # fmt: skip
+        named, drawn = (self.robot, self.grid, self.camera, self.profile), [Trial.draw(seed)]
+        (setup,) = named_setups(*named, [terrain], drawn)
+        usual_s = float(setup.profile.camera_chain.latency.latency)
+        return replace(setup, trial=self.conditions.trial(seed, usual_s))
 
 
 @dataclass(frozen=True, kw_only=True)

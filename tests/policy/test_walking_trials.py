@@ -216,6 +216,17 @@ def test_conditions_change_what_they_name_and_nothing_else() -> None:
     assert WalkConditions(push_ns=20.0).trial(5) == Trial.draw(5)
 
 
+@pytest.mark.parametrize("robot", ["go1", "go2"])
+@pytest.mark.parametrize("late_s", [0.05, 0.15])
+def test_images_are_as_late_as_a_condition_says(tmp_path: Path, robot: str, late_s: float) -> None:
+    model, flat = put_policy(tmp_path / "walk.onnx"), make_terrain(TerrainConfig(terrain="flat"))
+    conditions = WalkConditions(camera_late_s=late_s)
+    tried = trials.WalkTrials(robot=robot, grid="scan", model=model, conditions=conditions)
+    setup = tried.setup(flat, 0)
+    delivered = setup.trial.applied_to(setup.profile).camera_chain.latency
+    assert float(delivered.latency) == pytest.approx(late_s)
+
+
 def test_a_push_gives_the_trunk_its_impulse(tmp_path: Path) -> None:
     model = put_policy(tmp_path / "walk.onnx")
     flat = replace(make_terrain(TerrainConfig(terrain="flat")), start_x=-1.0, finish_x=-0.9)
