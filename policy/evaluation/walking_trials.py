@@ -15,6 +15,7 @@ from typing import Any, Literal
 from saltus.config import WALKING_CAMERA
 from saltus.controller.tick import CompiledTickLaw
 from saltus.drive.wish import Wish
+from saltus.errors import ConfigError
 from saltus.named_setup import named_setups
 from saltus.policy.evaluation.evaluate import success_interval
 from saltus.policy.evaluation.walking_conditions import WalkConditions
@@ -79,10 +80,19 @@ class WalkTrials:
     angles: JumpAngles = field(default_factory=JumpAngles)
 
     def setup(self, terrain: Terrain, seed: int) -> Setup:
-        """The robot of a trial."""
+        """The robot of a trial.
+
+        Raises:
+            ConfigError: late images of a profile whose images come at once.
+        """
         named, drawn = (self.robot, self.grid, self.camera, self.profile), [Trial.draw(seed)]
         (setup,) = named_setups(*named, [terrain], drawn)
         usual_s = float(setup.profile.camera_chain.latency.latency)
+        if self.conditions.camera_late_s and usual_s == 0.0:
+            raise ConfigError(
+                f"camera_late_s: images of profile {self.profile} come at once: "
+                "use one with a camera_latency, e.g. shipped"
+            )
         return replace(setup, trial=self.conditions.trial(seed, usual_s))
 
 

@@ -227,6 +227,15 @@ def test_images_are_as_late_as_a_condition_says(tmp_path: Path, robot: str, late
     assert float(delivered.latency) == pytest.approx(late_s)
 
 
+def test_images_that_come_at_once_cannot_be_late(tmp_path: Path) -> None:
+    model, flat = put_policy(tmp_path / "walk.onnx"), make_terrain(TerrainConfig(terrain="flat"))
+    tried = trials.WalkTrials(robot="go1", grid="scan", model=model, profile="ideal")
+    tried.setup(flat, 0)
+    late = replace(tried, conditions=WalkConditions(camera_late_s=0.15))
+    with pytest.raises(ConfigError, match="come at once"):
+        late.setup(flat, 0)
+
+
 def test_a_push_gives_the_trunk_its_impulse(tmp_path: Path) -> None:
     model = put_policy(tmp_path / "walk.onnx")
     flat = replace(make_terrain(TerrainConfig(terrain="flat")), start_x=-1.0, finish_x=-0.9)
