@@ -28,6 +28,7 @@ from saltus.heightmap.scan.network_inputs import (
     inputs_of,
     remember_told,
 )
+from saltus.heightmap.scan.prism import Prism
 from saltus.heightmap.scan.settings import MapSettings
 from saltus.model_file import ModelFile
 
@@ -65,10 +66,12 @@ class _Known(NamedTuple):
     """Heights of the map where an image showed them, else NaN [m], shape (1, side, side)."""
     seen_s: Singles
     """When a point last fell into each cell, or one beside it [s], shape (side, side)."""
+    prism: Prism | None
+    """Profile of ground that is the same to the side; None where it is not, or nobody asks."""
 
     @classmethod
-    def of(cls, state: ElevationMap, told: Singles | None) -> Self:
-        """From a map and what the network told of it."""
+    def of(cls, state: ElevationMap, told: Singles | None, *, extends: bool = False) -> Self:
+        """From a map and what the network told of it; `extends` as `ScanPredictor` takes it."""
         shown = np.where(state.seen_s > 0.5 * NEVER_S, state.height, np.nan)
         newest = state.seen_s[0]
         for _ in range(2):  # along columns, then along rows
@@ -76,7 +79,10 @@ class _Known(NamedTuple):
             np.maximum(beside[1:], newest[:-1], out=beside[1:])
             np.maximum(beside[:-1], newest[1:], out=beside[:-1])
             newest = beside.T
-        return cls(state, told, shown, newest)
+        prism = None
+        if extends and told is not None:
+            prism = Prism.of(told[0], state.seen_s[0] > 0.5 * NEVER_S)
+        return cls(state, told, shown, newest, prism)
 
 
 def is_scan(path: Path) -> bool:
@@ -140,10 +146,19 @@ class ScanPredictor:
         network: Tells heights and half-widths.
         settings: Of the map; None: those with which the network was trained. Others of the same
             window are those of a robot whose odometry is unlike that of the training.
+        extends: Where no image showed the ground, it is told as beside it, if all that was seen is
+            the same to the side (`Prism`).
     """
 
-    def __init__(self, network: ScanNetwork, settings: MapSettings | None = None) -> None:
+    def __init__(
+        self,
+        network: ScanNetwork,
+        settings: MapSettings | None = None,
+        *,
+        extends: bool = False,
+    ) -> None:
         self._network, self._settings = network, settings or network.settings
+        self._extends = extends
         self.reset()
 
     @property
@@ -177,7 +192,9 @@ class ScanPredictor:
         ):
             return False
         told = MapHeights(around.filled + height, half_width)
-        self._known = _Known.of(remember_told(state, told), np.concatenate(told))
+        self._known = _Known.of(
+            remember_told(state, told), np.concatenate(told), extends=self._extends
+        )
         return True
 
     def heights(self, pose: OdometryPoses, yaw: float, grid: HeightGrid) -> tuple[Floats, Floats]:
@@ -197,14 +214,20 @@ class ScanPredictor:
 
     def ground(self, pose: OdometryPoses, yaw: float, grid: HeightGrid) -> GridHeights:
         """The same as `heights`, and when each point was last seen."""
-        state, told, _, seen_s = self._known
+        state, told, _, newest, prism = self._known
         if told is None:
             raise ModelError("no image has come yet: heights are told from the first one on")
         base = pose.position + state.correction
         x, y = grid.points_in_world(base[0, :2].astype(np.float64), np.asarray(yaw))
         place = fine_cell_positions(np.stack([x, y], -1)[None], state.corner, self._settings)
         height, half_width = np.asarray(sample_bilinear(told, place), np.float64)
-        return GridHeights(height - base[0, 2], half_width, _last_seen(seen_s, place[0]))
+        seen_s = _last_seen(newest, place[0])
+        if prism is not None:
+            beside, beside_width = prism.at(place[0])
+            is_told = np.isinf(seen_s) & np.isfinite(beside)
+            height = np.where(is_told, beside, height)
+            half_width = np.where(is_told, beside_width, half_width)
+        return GridHeights(height - base[0, 2], half_width, seen_s)
 
     def above(self, pose: OdometryPoses, points: Singles) -> Floats:
         """Height of the ground that images showed above points, by the map alone [m], shape (n,).
@@ -215,7 +238,7 @@ class ScanPredictor:
             pose: Of the base by the same odometry, now.
             points: In the base frame [m], shape (n, 3).
         """
-        state, _, shown, _ = self._known
+        state, _, shown, _, _ = self._known
         there = points @ pose.rotation[0].T + pose.position[0] + state.correction[0]
         place = fine_cell_positions(there[None, :, :2], state.corner, self._settings)
         return np.asarray(sample_bilinear(shown, place)[0] - there[:, 2], np.float64)

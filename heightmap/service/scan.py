@@ -72,8 +72,9 @@ class ScanRig:
     `standing_feet`."""
     body: OwnBody = field(default_factory=NoBody)
     shadows: bool = False
-    """Heights are for a planner of jumps, which reads them alone: ground in doubt that leads down
-    is told lower (`saltus.loop.shadows`)."""
+    """Heights are for a planner of jumps, which reads them alone: ground that no image showed is
+    told as beside it, where all is the same to the side (`Prism`), and then ground in doubt that
+    leads down is told lower (`saltus.loop.shadows`)."""
 
 
 class PredictionWorker(Protocol):
@@ -207,7 +208,7 @@ class ScanService:
 
     def _forget(self) -> None:
         """Empties the map; what is being looked at counts no more."""
-        self._predictor = ScanPredictor(self._network, self._map)
+        self._predictor = ScanPredictor(self._network, self._map, extends=self._rig.shadows)
         self._looking: Future[_Look] | None = None
         self._bad_outputs, self._climb_mps = 0, 0.0
 
