@@ -48,9 +48,9 @@ class Prism(NamedTuple):
     first: int
     """Number of the first strip: its cells are between so many and one more cell ahead."""
     height: Floats
-    """Of each strip [m], NaN where too little was seen, shape (strips,)."""
+    """Heights of the strips [m], NaN where too little was seen, shape (strips,)."""
     half_width: Floats
-    """Of its 90 % interval [m], the same shape."""
+    """Half of the 90 % interval of each strip [m], shape (strips,)."""
 
     @classmethod
     def of(cls, height: Reals, seen: NDArray[np.bool_]) -> Self | None:
@@ -63,22 +63,10 @@ class Prism(NamedTuple):
         heights = np.asarray(height[seen], np.float64)
         if not heights.size or np.ptp(heights) < LEAST_EDGE_M:
             return None
-        inner, far, near = slice(REACH, -REACH), slice(2 * REACH, None), slice(None, -2 * REACH)
-        sides = ((far, inner), (near, inner)), ((inner, far), (inner, near))
-        known = seen[inner, inner].copy()
-        for pair in sides:
-            for side in pair:
-                known &= seen[side]
-        if np.count_nonzero(known) < LEAST_CELLS:
+        steepest, cells = _steepest(height, seen), np.argwhere(seen)
+        if steepest is None:
             return None
-        slopes = np.array(
-            [(height[more] - height[less])[known] for more, less in sides], np.float64
-        )
-        power, directions = np.linalg.eigh(slopes @ slopes.T)
-        if power[0] > LARGEST_ACROSS * power[1]:
-            return None
-        cells = np.argwhere(seen)
-        ahead = _turned_to_fit(directions[:, 1], cells[::TRIED], heights[::TRIED])
+        ahead = _turned_to_fit(steepest, cells[::TRIED], heights[::TRIED])
         strip = np.floor(cells @ ahead).astype(np.int64)
         first = int(strip.min())
         strip -= first
@@ -102,6 +90,21 @@ class Prism(NamedTuple):
         inside = (strip >= 0) & (strip < len(self.height))
         strip = strip.clip(0, len(self.height) - 1)
         return np.where(inside, self.height[strip], np.nan), self.half_width[strip]
+
+
+def _steepest(height: Reals, seen: NDArray[np.bool_]) -> Floats | None:
+    """Direction along which slopes are steepest, a unit vector; None where others are as steep."""
+    inner, far, near = slice(REACH, -REACH), slice(2 * REACH, None), slice(None, -2 * REACH)
+    sides = ((far, inner), (near, inner)), ((inner, far), (inner, near))
+    known = seen[inner, inner].copy()
+    for pair in sides:
+        for side in pair:
+            known &= seen[side]
+    if np.count_nonzero(known) < LEAST_CELLS:
+        return None
+    slopes = np.array([(height[more] - height[less])[known] for more, less in sides], np.float64)
+    power, directions = np.linalg.eigh(slopes @ slopes.T)
+    return None if power[0] > LARGEST_ACROSS * power[1] else directions[:, 1]
 
 
 def _turned_to_fit(ahead: Floats, cells: NDArray[np.int64], heights: Floats) -> Floats:
