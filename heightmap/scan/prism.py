@@ -1,11 +1,10 @@
 """Ground that is the same to the side, as stairs, steps and rows of stones are: a profile, and the
-direction across which it runs.
+direction in which it runs.
 
 A robot that is pushed aside has ground before it that its camera, which looks ahead, never saw. The
 network tells smooth ramps there, the best guess over all kinds of ground. Where all that images
-showed lies on one profile, the profile says more: on stairs with a push of 15 Ns robots on the
-scan's heights succeed in 51 of 64 trials, without it in 45, with the true ground in place of what
-was never seen in 53 (docs/scan.md).
+showed lies on one profile, the profile says more: on stairs with a push of 15 Ns 105 of 128 robots
+on the scan's heights succeed with it, 95 without (docs/scan.md).
 """
 
 from typing import NamedTuple, Self
