@@ -72,16 +72,15 @@ class _Known(NamedTuple):
     @classmethod
     def of(cls, state: ElevationMap, told: Singles | None, *, extends: bool = False) -> Self:
         """From a map and what the network told of it; `extends` as `ScanPredictor` takes it."""
-        shown = np.where(state.seen_s > 0.5 * NEVER_S, state.height, np.nan)
+        seen = state.seen_s > 0.5 * NEVER_S
+        shown = np.where(seen, state.height, np.nan)
         newest = state.seen_s[0]
         for _ in range(2):  # along columns, then along rows
             beside = newest.copy(order="K")
             np.maximum(beside[1:], newest[:-1], out=beside[1:])
             np.maximum(beside[:-1], newest[1:], out=beside[:-1])
             newest = beside.T
-        prism = None
-        if extends and told is not None:
-            prism = Prism.of(told[0], state.seen_s[0] > 0.5 * NEVER_S)
+        prism = Prism.of(told[0], seen[0]) if extends and told is not None else None
         return cls(state, told, shown, newest, prism)
 
 

@@ -114,9 +114,9 @@ def _turned_to_fit(ahead: Floats, cells: NDArray[np.int64], heights: Floats) -> 
     ways = np.array([cos * ahead[0] - sin * ahead[1], sin * ahead[0] + cos * ahead[1]])
     strip = np.floor(cells @ ways).astype(np.int64)
     strip -= strip.min()
-    own = strip + (int(strip.max()) + 1) * np.arange(len(TURNS))
-    count = np.bincount(own.ravel(), minlength=own.max() + 1)
-    total = np.bincount(own.ravel(), np.repeat(heights - heights.mean(), len(TURNS)))
-    apart = np.zeros((int(strip.max()) + 1) * len(TURNS))
-    apart[: len(total)] = total**2 / np.maximum(count, 1)
-    return np.asarray(ways[:, np.argmax(apart.reshape(len(TURNS), -1).sum(1))])
+    shape = len(TURNS), int(strip.max()) + 1
+    own, size = (strip + shape[1] * np.arange(len(TURNS))).ravel(), shape[0] * shape[1]
+    count = np.bincount(own, minlength=size)
+    total = np.bincount(own, np.repeat(heights - heights.mean(), len(TURNS)), minlength=size)
+    apart = (total**2 / np.maximum(count, 1)).reshape(shape).sum(1)
+    return np.asarray(ways[:, np.argmax(apart)])

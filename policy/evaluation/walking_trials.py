@@ -85,8 +85,10 @@ class WalkTrials:
         Raises:
             ConfigError: late images of a profile whose images come at once.
         """
-        named, drawn = (self.robot, self.grid, self.camera, self.profile), [Trial.draw(seed)]
-        (setup,) = named_setups(*named, [terrain], drawn)
+        trials = [Trial.draw(seed)]
+        (setup,) = named_setups(
+            self.robot, self.grid, self.camera, self.profile, [terrain], trials
+        )  # fmt: skip
         usual_s = float(setup.profile.camera_chain.latency.latency)
         if self.conditions.camera_late_s and usual_s == 0.0:
             raise ConfigError(
